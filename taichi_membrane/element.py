@@ -1,0 +1,70 @@
+"""The natural constant-strain triangle: three side extensions, three side forces.
+
+Corners are 0, 1, 2 counter-clockwise; side *a* lies opposite corner *a* and runs from corner a+1 to corner a+2. Pure Taichi
+functions of values; equation numbers are those of the seed paper.
+"""
+
+import taichi as ti
+
+
+@ti.func
+def side_extension(rest, stretch, rest_length, green: ti.template()):
+    """Extension δ of a side and its present length l.
+
+    ``rest`` is the side's vector at rest, ``stretch`` the difference of its end displacements. l² - L² is formed from
+    displacements, so that nothing cancels in single precision: δ = (l² - L²)/(l + L), or Green's δ = (l² - L²)/(2 L).
+    """
+    now = rest + stretch
+    length = now.norm()
+    growth = (2.0 * rest + stretch).dot(stretch)
+    divisor = rest_length + length
+    if ti.static(green):
+        divisor = 2.0 * rest_length
+    return growth / divisor, length
+
+
+@ti.func
+def force_density(side_force, length, rest_length, green: ti.template()):
+    """Natural force over length: ∂δ/∂x = Δx/l for the engineering extension, Δx/L for Green's."""
+    divisor = length
+    if ti.static(green):
+        divisor = rest_length
+    return side_force / divisor
+
+
+@ti.func
+def pressure_corner_force(pressure, side_1, side_2):
+    """Follower pressure on each of the three corners, p/6 · (s₁ × s₂): a third of p times the directed area.
+
+    ``side_1`` and ``side_2`` are two consecutive sides. Summed over a surface it is exactly p ∂Volume/∂x.
+    """
+    return pressure / 6.0 * side_1.cross(side_2)
+
+
+@ti.func
+def swept_volume(mean_displacement, rest_1, rest_2, stretch_1, stretch_2):
+    """Volume a triangle sweeps as it moves in a straight line from rest to its present place.
+
+    Flux of the mean displacement through the directed area, integrated over the motion; exact for a flat triangle. Unlike
+    the cone to an origin it is right for open surfaces whose rim is held or slides in a plane of symmetry, and does not
+    cancel for small displacements.
+    """
+    constant = rest_1.cross(rest_2)
+    linear = rest_1.cross(stretch_2) + stretch_1.cross(rest_2)
+    quadratic = stretch_1.cross(stretch_2)
+    return mean_displacement.dot(constant + 0.5 * linear + quadratic / 3.0) * 0.5
+
+
+@ti.func
+def side_stiffness_bound(row_sum, side_force, length, rest_length, pressure, green: ti.template()):
+    """Upper bound k of a side's stiffness such that fictitious masses M ≥ ½ δt² Σ k at each node are stable.
+
+    ``row_sum`` is Σ_b |k_ab| of the natural stiffness V Gᵀ C G (Gershgorin on the side-to-side coupling the seed leaves
+    out). Along the side the stiffness is at most that; across it, force over length. Both projectors are complementary for the
+    engineering extension, so the larger one bounds both; Green's extension adds them and scales the first by (l/L)². The term
+    p l/12 bounds the pressure's stiffness. The relaxed (wrinkled) stiffness never exceeds the elastic one.
+    """
+    bound = ti.max(row_sum, ti.abs(side_force) / length)
+    if ti.static(green):
+        bound = row_sum * (length / rest_length) ** 2 + ti.abs(side_force) / rest_length
+    return bound + ti.abs(pressure) * length / 12.0

@@ -1,0 +1,137 @@
+"""Reads points, triangles and named groups from a mesh file with meshio."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.errors import InputError
+
+_CORNERS = {"vertex": 1, "line": 2, "triangle": 3}
+_DIMENSION = {"vertex": 0, "line": 1, "triangle": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class MeshParts:
+    """What a file holds, before validation; nodes that no triangle uses are already dropped."""
+
+    points: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    node_groups: dict[str, NDArray[np.int64]]
+    tri_groups: dict[str, NDArray[np.int64]]
+
+
+def read_parts(path: Path) -> MeshParts:
+    """Read a mesh file; see :func:`taichi_membrane.mesh.read_mesh`."""
+    raw = _read_quietly(path)
+    blocks = [(block.type, np.asarray(block.data)) for block in raw.cells]
+    _refuse_other_cells(path, blocks)
+    triangles = _joined(data for kind, data in blocks if kind == "triangle").reshape(-1, 3)
+    if not len(triangles):
+        held = ", ".join(f"{len(data)} {kind}" for kind, data in blocks if len(data)) or "no cells"
+        raise InputError(f"{path}: the file holds no triangles, only {held}")
+    points = np.asarray(raw.points, dtype=np.float64)
+    if points.ndim == 2 and points.shape[1] == 2:
+        points = np.column_stack((points, np.zeros(len(points))))
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        bad = triangles.min() if triangles.min() < 0 else triangles.max()
+        raise InputError(f"{path}: a triangle uses node {bad}, but node numbers run from 0 to {len(points) - 1}")
+    tri_groups, node_groups = _groups(raw, blocks)
+    used = np.unique(triangles)
+    new_number = np.full(len(points), -1, dtype=np.int64)
+    new_number[used] = np.arange(len(used))
+    kept = {name: _renumbered(path, name, nodes, new_number) for name, nodes in node_groups.items()}
+    triangles = new_number[triangles]
+    for name, members in tri_groups.items():
+        kept.setdefault(name, np.unique(triangles[members]))
+    return MeshParts(points[used], triangles, kept, tri_groups)
+
+
+def _read_quietly(path: Path) -> Any:
+    import meshio  # here, not above: it takes a quarter of a second that most runs do not need
+
+    if not path.exists():
+        raise InputError(f"{path}: there is no such mesh file")
+    if not path.is_file():
+        raise InputError(f"{path}: a mesh file is needed, this is a folder")
+    known = meshio.extension_to_filetypes
+    if not any("".join(path.suffixes[-n:]).lower() in known for n in (1, 2)):
+        raise InputError(f"{path}: mesh format '{path.suffix}' is unknown, meshio reads {', '.join(sorted(known))}")
+    said = io.StringIO()
+    try:
+        # meshio prints its complaints and may end the process with SystemExit.
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), np.errstate(all="ignore"):
+            return meshio.read(path)
+    except (Exception, SystemExit) as error:
+        told = f"{type(error).__name__}: {error}" if isinstance(error, Exception) else ""
+        reason = " ".join(f"{said.getvalue()} {told}".split())
+        raise InputError(f"{path}: the mesh cannot be read: {reason}") from None
+
+
+def _refuse_other_cells(path: Path, blocks: list[tuple[str, NDArray[Any]]]) -> None:
+    counts: dict[str, int] = {}
+    for kind, data in blocks:
+        if kind not in _CORNERS and len(data):
+            counts[kind] = counts.get(kind, 0) + len(data)
+    if counts:
+        held = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+        raise InputError(
+            f"{path}: the file holds {held} cells; a membrane needs plain triangles (lines and vertices may name nodes)"
+        )
+
+
+def _groups(
+    raw: Any, blocks: list[tuple[str, NDArray[Any]]]
+) -> tuple[dict[str, NDArray[np.int64]], dict[str, NDArray[np.int64]]]:
+    """Collect the named groups of triangles (element numbers) and of nodes (numbers as in the file)."""
+    elements: dict[str, list[NDArray[Any]]] = {}
+    nodes: dict[str, list[NDArray[Any]]] = {name: [np.asarray(held)] for name, held in raw.point_sets.items()}
+    offset = 0
+    for index, (kind, data) in enumerate(blocks):
+        for name, members in _named_members(raw, index, kind):
+            if not len(members):
+                continue
+            if kind == "triangle":
+                elements.setdefault(name, []).append(members + offset)
+            else:
+                nodes.setdefault(name, []).append(data[members].ravel())
+        offset += len(data) if kind == "triangle" else 0
+    return (
+        {name: np.unique(_joined(held)) for name, held in elements.items()},
+        {name: np.unique(_joined(held)) for name, held in nodes.items() if sum(map(len, held))},
+    )
+
+
+def _named_members(raw: Any, index: int, kind: str) -> Iterable[tuple[str, NDArray[np.int64]]]:
+    """Yield name and member cells of one cell block: cell sets, then gmsh physical groups given as cell data."""
+    for name, members in raw.cell_sets.items():
+        if not name.startswith("gmsh:") and members[index] is not None:
+            yield name, np.asarray(members[index], dtype=np.int64).reshape(-1)
+    physical = raw.cell_data.get("gmsh:physical")
+    if physical is None:
+        return
+    for name, (tag, dimension) in raw.field_data.items():
+        if dimension == _DIMENSION[kind]:
+            yield name, np.flatnonzero(np.asarray(physical[index]) == tag)
+
+
+def _renumbered(path: Path, name: str, nodes: NDArray[np.int64], new_number: NDArray[np.int64]) -> NDArray[np.int64]:
+    if nodes.min() < 0 or nodes.max() >= len(new_number):
+        bad = nodes.min() if nodes.min() < 0 else nodes.max()
+        raise InputError(f"{path}: node group '{name}' holds {bad}, but node numbers run to {len(new_number) - 1}")
+    kept = new_number[nodes]
+    if (kept < 0).all():
+        raise InputError(f"{path}: node group '{name}' holds only nodes that no triangle uses ({len(nodes)} of them)")
+    return kept[kept >= 0]
+
+
+def _joined(arrays: Iterable[NDArray[Any]]) -> NDArray[np.int64]:
+    held = list(arrays)
+    return np.concatenate(held).astype(np.int64) if held else np.empty(0, dtype=np.int64)

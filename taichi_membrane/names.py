@@ -1,0 +1,13 @@
+"""Names with a closed set of values, shared by scenes, solvers and pictures."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Arch = Literal["cpu", "gpu", "cuda", "vulkan", "metal", "opengl"]
+Precision = Literal["f64", "f32"]
+WrinklingLaw = Literal["none", "clip", "tension_field"]
+SideStrain = Literal["engineering", "green"]
+
+TAUT, WRINKLED, SLACK = 0, 1, 2
+STATE_NAMES = ("taut", "wrinkled", "slack")

@@ -1,0 +1,119 @@
+"""Finds the rigid motions that the supports of a mesh leave free."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.errors import InputError
+
+if TYPE_CHECKING:
+    from taichi_membrane.mesh import Mesh
+
+# Singular values of the scaled modes lie between about 1 and the held patch's share of the body's size; round-off of the
+# coordinates is 1e-16. A support of one part in 1e9 of the size holds nothing that matters.
+RANK_TOLERANCE = 1e-9
+# Two directions nearer than this are the same in words.
+SAME_DIRECTION = 1e-6
+
+
+def rigid_motions_left(mesh: Mesh, node_fixed: NDArray[np.bool_]) -> list[str]:
+    """Describe in words every rigid motion the held degrees of freedom do not prevent, for each connected part.
+
+    :param node_fixed: (node_count, 3) True where a displacement component is prescribed.
+    :return: for example ``translation along x`` or ``rotation about z through (0, 0, 0)``; empty when all is held.
+    :raises InputError: ``node_fixed`` has another shape.
+    """
+    fixed = np.asarray(node_fixed, dtype=bool)
+    if fixed.shape != mesh.points.shape:
+        raise InputError(f"node_fixed must have shape {mesh.points.shape}, got {fixed.shape}")
+    label = mesh.components()
+    order = np.argsort(label, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(label))[:-1])
+    told: list[str] = []
+    for nodes in parts:
+        which = "" if len(parts) == 1 else f" of the part with node {nodes[0]} ({len(nodes)} nodes)"
+        told += [f"{motion}{which}" for motion in _motions(mesh.points[nodes], fixed[nodes])]
+    return told
+
+
+def _motions(points: NDArray[np.float64], fixed: NDArray[np.bool_]) -> list[str]:
+    held = fixed.any(axis=1)
+    # Rotations are taken about the middle of the held nodes, so that a pinned node is named as it is.
+    origin = points[held].mean(axis=0) if held.any() else points.mean(axis=0)
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    free = _null_space(_held_modes((points[held] - origin) / size, fixed[held]))
+    translations = free @ _null_space(free[3:])
+    told = [f"translation along {_direction(t)}" for t in _readable_basis(translations[:3])]
+    # What is left turns; its translation part is made as small as the free translations allow.
+    turning = free - translations @ (translations.T @ free)
+    for axis in _readable_basis(_column_space(turning[3:])):
+        motion = turning @ np.linalg.lstsq(turning[3:], axis, rcond=RANK_TOLERANCE)[0]
+        told.append(_rotation(motion[:3] * size, axis, origin, size))
+    return told
+
+
+def _held_modes(arms: NDArray[np.float64], fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the six rigid modes (3 translations, 3 rotations, scaled) at the held degrees of freedom, (n, 6)."""
+    modes = np.zeros((len(arms), 3, 6))
+    modes[:, :, :3] = np.eye(3)
+    for axis in range(3):
+        modes[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms)
+    return modes[fixed]
+
+
+def _null_space(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    columns = matrix.shape[1]
+    if 0 in matrix.shape:
+        return np.eye(columns)
+    # The triangular factor has the same null space and at most as many rows as columns, however many are held.
+    _, values, right = np.linalg.svd(np.linalg.qr(matrix, mode="r"))
+    rank = int((values > RANK_TOLERANCE).sum())
+    return right[rank:].T
+
+
+def _column_space(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    if 0 in matrix.shape:
+        return np.zeros((3, 0))
+    left, values, _ = np.linalg.svd(matrix)
+    return left[:, : int((values > RANK_TOLERANCE).sum())]
+
+
+def _readable_basis(space: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return unit vectors that span the columns of ``space`` (3, k): coordinate axes first where they lie in it."""
+    space = _column_space(space)
+    basis: list[NDArray[np.float64]] = []
+    for axis in np.eye(3):
+        if np.linalg.norm(axis - space @ (space.T @ axis)) < SAME_DIRECTION:
+            basis.append(axis)
+    for vector in space.T:
+        rest = vector - sum((b * (b @ vector) for b in basis), np.zeros(3))
+        if len(basis) < space.shape[1] and np.linalg.norm(rest) > SAME_DIRECTION:
+            basis.append(rest / np.linalg.norm(rest))
+    return basis
+
+
+def _direction(vector: NDArray[np.float64]) -> str:
+    largest = int(np.argmax(np.abs(vector)))
+    unit = vector * np.sign(vector[largest]) / np.linalg.norm(vector)
+    if 1.0 - unit[largest] < SAME_DIRECTION:
+        return "xyz"[largest]
+    return _listed(unit, 1.0)
+
+
+def _rotation(shift: NDArray[np.float64], axis: NDArray[np.float64], origin: NDArray[np.float64], size: float) -> str:
+    # Velocity shift + axis x (point - origin) size/size: the axis passes where the shift across it is cancelled.
+    through = origin + np.cross(axis, shift)
+    pitch = float(shift @ axis)
+    words = f"rotation about {_direction(axis)} through {_listed(through, size)}"
+    if abs(pitch) > SAME_DIRECTION * size:
+        words += f" with an advance of {abs(pitch):.4g} per radian along it"
+    return words
+
+
+def _listed(vector: NDArray[np.float64], size: float) -> str:
+    # Rounding noise far below the body's size would read as numbers like 3e-17.
+    shown = np.where(np.abs(vector) < SAME_DIRECTION * size, 0.0, vector)
+    return "(" + ", ".join(f"{v:.4g}" for v in shown) + ")"

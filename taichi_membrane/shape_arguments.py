@@ -1,0 +1,37 @@
+"""Range checks for the arguments of parametric shapes."""
+
+from __future__ import annotations
+
+import math
+import numbers
+
+from taichi_membrane.errors import InputError
+
+# Node and element numbers are 32-bit and the solver keeps some hundred bytes per element: beyond this it is a slip.
+MOST_TRIANGLES = 50_000_000
+
+
+def check_length(where: str, name: str, value: float) -> float:
+    """Return a length, refused unless it is finite and above 0."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"{where}: {name} = {value!r} must be a finite number above 0")
+    return float(value)
+
+
+def check_count(where: str, name: str, value: int, lowest: int) -> int:
+    """Return a number of divisions, refused unless it is a whole number of at least ``lowest``."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < lowest:
+        raise InputError(f"{where}: {name} = {value!r} must be a whole number of at least {lowest}")
+    return int(value)
+
+
+def check_name(where: str, name: str, value: str, allowed: tuple[str, ...]) -> None:
+    """Refuse a word that is not among the allowed ones."""
+    if value not in allowed:
+        raise InputError(f"{where}: {name} = {value!r} must be one of {', '.join(allowed)}")
+
+
+def check_size(where: str, tri_count: int) -> None:
+    """Refuse a shape of more triangles than a computer holds."""
+    if tri_count > MOST_TRIANGLES:
+        raise InputError(f"{where}: the divisions give {tri_count} triangles, at most {MOST_TRIANGLES} are allowed")

@@ -1,0 +1,208 @@
+"""Parametric triangulations: tube with caps, arch, sphere and disc from rings; panel and cushion from a grid.
+
+Every function takes keyword arguments only, lengths in the user's unit, and returns a validated
+:class:`~taichi_membrane.mesh.Mesh` whose normals point outwards (flat shapes: along +z). Arguments out of range raise
+:class:`~taichi_membrane.errors.InputError` with the argument, its value and the allowed range.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.rings import Ring, ring_directions, wall_triangles, zip_stack
+from taichi_membrane.shape_arguments import check_count, check_length, check_name, check_size
+from taichi_membrane.shapes_grid import cushion, panel
+
+__all__ = ["Cap", "WallPattern", "arch", "cushion", "disc", "panel", "sphere", "tube"]
+
+Cap = Literal["none", "flat", "hemisphere"]
+WallPattern = Literal["staggered", "diagonal"]
+
+# Height over side of an equilateral triangle: the distance of rings that suits a given side.
+_EVEN = math.sqrt(3.0) / 2.0
+
+
+def tube(
+    *,
+    radius: float,
+    length: float,
+    around: int,
+    along: int,
+    cap_start: Cap = "none",
+    cap_end: Cap = "hemisphere",
+    pattern: WallPattern = "staggered",
+) -> Mesh:
+    """Straight tube along +x, its wall from x = 0 to ``length``; a hemisphere reaches ``radius`` beyond its end.
+
+    Nodes 0 to ``around`` - 1 are the ring at x = 0, node 0 at the top (+z). Symmetric about y = 0.
+
+    :param radius: radius of the nodes of the wall [length].
+    :param around: nodes on a ring, at least 3; even keeps the symmetry about z = 0 too.
+    :param along: bands of elements along the wall, at least 1.
+    :param pattern: ``staggered`` turns each ring half a pitch; ``diagonal`` has straight generators.
+    :return: node groups ``start``, ``end``, ``middle`` (even ``along``), ``cap_start``, ``cap_end`` (with their rims),
+        ``tip`` (pole of the end cap); element groups ``wall``, ``cap_start``, ``cap_end``. Warp runs along the axis,
+        on caps from the rim to the pole.
+    """
+    radius = check_length("tube", "radius", radius)
+    length = check_length("tube", "length", length)
+    check_count("tube", "around", around, 3)
+    check_count("tube", "along", along, 1)
+    check_name("tube", "cap_start", cap_start, get_args(Cap))
+    check_name("tube", "cap_end", cap_end, get_args(Cap))
+    check_name("tube", "pattern", pattern, get_args(WallPattern))
+    check_size("tube", 2 * around * (along + around))
+
+    phases = np.arange(along + 1) % 2 if pattern == "staggered" else np.zeros(along + 1, dtype=np.int64)
+    cosine, sine = _wall_directions(around, phases)
+    x = np.repeat(length * np.arange(along + 1) / along, around)
+    wall = np.column_stack((x, -radius * sine, radius * cosine))
+    points = [wall]
+    triangles = [wall_triangles(around=around, along=along, pattern=pattern, first_phase=0)]
+    warp = [np.tile([1.0, 0.0, 0.0], (len(triangles[0]), 1))]
+    last = around * along
+    node_groups = {"start": np.arange(around), "end": last + np.arange(around)}
+    if along % 2 == 0:
+        node_groups["middle"] = last // 2 + np.arange(around)
+    tri_groups = {"wall": np.arange(len(triangles[0]))}
+    node_count, tri_count = len(wall), len(triangles[0])
+    for name, kind, rim, phase, x_rim, outwards in (
+        ("cap_start", cap_start, 0, 0, 0.0, -1.0),
+        ("cap_end", cap_end, last, int(phases[-1]), length, 1.0),
+    ):
+        if kind == "none":
+            continue
+        cap_points, cap = _cap(kind, radius, Ring(around, phase))
+        cap_points = cap_points * (outwards, 1.0, 1.0) + (x_rim, 0.0, 0.0)
+        new = node_count - around + np.arange(len(cap_points) + around)
+        new[:around] = rim + np.arange(around)
+        cap = new[cap if outwards > 0.0 else cap[:, ::-1]]
+        points.append(cap_points)
+        triangles.append(cap)
+        node_groups[name] = new
+        if name == "cap_end":
+            node_groups["tip"] = new[-1:]
+        tri_groups[name] = tri_count + np.arange(len(cap))
+        node_count, tri_count = node_count + len(cap_points), tri_count + len(cap)
+        warp.append(cap_points[-1] - np.concatenate(points)[cap].mean(axis=1))
+    return Mesh.build(
+        np.concatenate(points), np.concatenate(triangles), node_groups, tri_groups, np.concatenate(warp), where="tube"
+    )
+
+
+def _wall_directions(around: int, phases: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return cosine and sine of all nodes of successive rings with the given phases, ring after ring."""
+    both = np.array([ring_directions(Ring(around, phase)) for phase in (0, 1)])
+    directions = both[phases]
+    return directions[:, 0].ravel(), directions[:, 1].ravel()
+
+
+def _cap(kind: str, radius: float, rim: Ring) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Close a rim in the plane x = 0 towards +x: the points without the rim, pole last, and the triangles.
+
+    Rings follow the rim at the distance that suits its side length, and each has as many nodes as keep that side.
+    """
+    meridian = radius * (math.pi / 2.0 if kind == "hemisphere" else 1.0)
+    steps = max(1, round(meridian / (_EVEN * 2.0 * math.pi * radius / rim.count)))
+    rings, points = [rim], []
+    for step in range(1, steps):
+        share = step / steps
+        if kind == "hemisphere":
+            ring_radius, x = math.cos(share * math.pi / 2.0), math.sin(share * math.pi / 2.0)
+        else:
+            ring_radius, x = 1.0 - share, 0.0
+        multiple = 2 - rim.count % 2  # an even rim is followed by even rings: two planes of symmetry
+        count = max(multiple * round(rim.count * ring_radius / multiple), 3 if multiple == 1 else 4)
+        rings.append(Ring(count, (rim.phase + step) % 2))
+        cosine, sine = ring_directions(rings[-1])
+        points.append(np.column_stack((np.full(count, x), -ring_radius * sine, ring_radius * cosine)))
+    rings.append(Ring(1))
+    points.append(np.array([[1.0 if kind == "hemisphere" else 0.0, 0.0, 0.0]]))
+    return radius * np.concatenate(points), zip_stack(rings)
+
+
+def arch(
+    *,
+    span: float,
+    radius: float,
+    around: int,
+    along: int,
+    angle: float = 180.0,
+    pattern: WallPattern = "staggered",
+) -> Mesh:
+    """Open tube bent to a circular arc in the xz plane: feet centred at x = ±``span``/2, z = 0, crown at the top.
+
+    :param span: distance of the centres of the feet [length].
+    :param radius: radius of the tube [length], less than that of the arc.
+    :param around: nodes on a ring, at least 3.
+    :param along: bands of elements from foot to foot, at least 2.
+    :param angle: angle of the arc [degrees], above 0 and below 360; 180 stands upright on its feet.
+    :return: node groups ``start`` (foot at -x), ``end``, and for even ``along`` ``crown`` (the middle ring) and
+        ``crown_top`` (its highest node); element group ``wall``. Warp runs along the tube.
+    """
+    span = check_length("arch", "span", span)
+    radius = check_length("arch", "radius", radius)
+    check_count("arch", "around", around, 3)
+    check_count("arch", "along", along, 2)
+    angle = check_length("arch", "angle", angle)
+    if angle >= 360.0:
+        raise InputError(f"arch: angle = {angle:g} must be below 360 degrees")
+    check_name("arch", "pattern", pattern, get_args(WallPattern))
+    check_size("arch", 2 * around * along)
+    half = math.radians(angle) / 2.0
+    arc_radius = span / (2.0 * math.sin(half))
+    if radius >= arc_radius:
+        raise InputError(f"arch: radius = {radius:g} must be below the radius of the arc, {arc_radius:g}")
+
+    staggered = pattern == "staggered"
+    first_phase = (along // 2) % 2 if staggered else 0  # the middle ring has a node on the outer side
+    phases = (np.arange(along + 1) + first_phase) % 2 if staggered else np.zeros(along + 1, dtype=np.int64)
+    cosine, sine = _wall_directions(around, phases)
+    # Counted from the crown, so that the two halves are mirror images to the last bit.
+    turn = np.repeat(half * (2 * np.arange(along + 1) - along) / along, around)
+    from_centre = arc_radius + radius * cosine
+    height = arc_radius * math.cos(half)
+    points = np.column_stack((from_centre * np.sin(turn), -radius * sine, from_centre * np.cos(turn) - height))
+    triangles = wall_triangles(around=around, along=along, pattern=pattern, first_phase=first_phase)
+    centroid = points[triangles].mean(axis=1) + (0.0, 0.0, height)
+    warp = np.column_stack((centroid[:, 2], np.zeros(len(centroid)), -centroid[:, 0]))
+    node_groups = {"start": np.arange(around), "end": around * along + np.arange(around)}
+    if along % 2 == 0:
+        node_groups["crown"] = around * along // 2 + np.arange(around)
+        node_groups["crown_top"] = node_groups["crown"][:1]
+    return Mesh.build(points, triangles, node_groups, {"wall": np.arange(len(triangles))}, warp, where="arch")
+
+
+def sphere(*, radius: float, divisions: int) -> Mesh:
+    """Sphere from an octahedron, each face cut into ``divisions``² triangles; the three axes meet it in nodes.
+
+    :param divisions: elements along a quarter of a great circle, at least 1.
+    :return: node groups ``north`` (+z), ``south``, ``x_plus``, ``x_minus``, ``y_plus``, ``y_minus`` (one node each) and
+        ``equator`` (z = 0). Warp runs along the meridians, northwards.
+    """
+    radius = check_length("sphere", "radius", radius)
+    check_count("sphere", "divisions", divisions, 1)
+    check_size("sphere", 8 * divisions**2)
+    n = divisions
+    # Rings of 4, 8, … 4 n … 8, 4 nodes between the poles are the rows of the eight faces.
+    row = np.concatenate((np.arange(n + 1), np.arange(n - 1, -1, -1)))
+    triangles = zip_stack([Ring(max(4 * int(k), 1)) for k in row])
+    upper = np.concatenate([_octant_row(k, n) for k in range(n + 1)])
+    above_equator = len(upper) - 4 * n
+    starts = np.concatenate(([0], np.cumsum(np.maximum(4 * np.arange(1, n), 1)) + 0)) if n > 1 else np.zeros(1, dtype=int)
+    del starts
+    southern = np.concatenate([_octant_row(k, n) for k in range(n)]) * (1.0, 1.0, -1.0)
+    northern = np.concatenate([_octant_row(k, n) for k in range(n, -1, -1)])
+    points = radius * np.concatenate((southern, northern))
+    equator = above_equator + np.arange(4 * n)
+    node_groups = {"south": [0], "north": [len(points) - 1], "equator": equator}
+    for quarter, name in enumerate(("x_plus", "y_plus", "x_minus", "y_minus")):
+        node_groups[name] = equator[quarter * n : quarter * n + 1]
+    warp = np.tile([0.0, 0.0, 1.0], (len(triangles), 1))
+    return Mesh.build(points, triangles, node_groups, None, warp, where="sphere")
