@@ -140,6 +140,11 @@ class Membrane:
         if self.features.loads:
             self.node_load.from_numpy(np.ascontiguousarray(loads, dtype=self.dtype))
 
+    def prestress_norm(self) -> float:
+        """Size of the nodal forces that prestress balances, a scale for residuals where no load acts."""
+        level = np.array([np.linalg.norm(one.prestress) * one.thickness for one in self.structure.fabrics])
+        return float(np.sqrt((level[self.structure.tri_fabric] ** 2 * self.geometry.area).sum()))
+
     # ---- one triangle
 
     @ti.func
@@ -411,7 +416,3 @@ def _variant_number(features: Features, one: preparation.FabricConstants) -> int
     variant = preparation.variant_of(one)
     return features.variants.index(variant) if variant in features.variants else 0
 
-
-def uniform_chambers(tri_count: int) -> Ints:
-    """Chamber numbers of a structure with one pressure on all triangles."""
-    return np.zeros(tri_count, dtype=np.int32)

@@ -62,15 +62,16 @@ class Mesh:
         """
         xyz = check.as_points(points, where)
         corners = check.as_triangles(triangles, len(xyz), where)
-        check.check_elements(xyz, corners, where)
+        area_vector = check.area_vectors(xyz, corners)
+        tri_area = np.linalg.norm(area_vector, axis=1)
+        check.check_elements(xyz, corners, tri_area, where)
         table = edge_table(corners, len(xyz))
         check.check_edges(corners, table, where)
-        area_vector = check.area_vectors(xyz, corners)
-        check.check_bodies(xyz, corners, table, np.linalg.norm(area_vector, axis=1), where)
+        check.check_bodies(xyz, corners, table, tri_area, where)
         nodes = {"all": check.frozen(np.arange(len(xyz), dtype=np.int32))}
         boundary = table.nodes[table.tri_count == 1]
         if boundary.size:
-            nodes["boundary"] = check.frozen(np.unique(boundary))
+            nodes["boundary"] = check.frozen(check.sorted_unique(boundary.ravel()))
         elements = {"all": check.frozen(np.arange(len(corners), dtype=np.int32))}
         mesh = cls(
             check.frozen(xyz),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.errors import InputError
 
-_CORNERS = {"vertex": 1, "line": 2, "triangle": 3}
+# Dimension of the cells that are read; the triangles become elements, the others only name nodes.
 _DIMENSION = {"vertex": 0, "line": 1, "triangle": 2}
 
 
@@ -35,15 +35,15 @@ def read_parts(path: Path) -> MeshParts:
     _refuse_other_cells(path, blocks)
     triangles = _joined(data for kind, data in blocks if kind == "triangle").reshape(-1, 3)
     if not len(triangles):
-        held = ", ".join(f"{len(data)} {kind}" for kind, data in blocks if len(data)) or "no cells"
-        raise InputError(f"{path}: the file holds no triangles, only {held}")
+        held = ", ".join(f"{len(data)} {kind}" for kind, data in blocks if len(data))
+        raise InputError(f"{path}: the file holds no triangles" + (f", only {held} cells" if held else " and no cells"))
     points = np.asarray(raw.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 2:
         points = np.column_stack((points, np.zeros(len(points))))
     if triangles.min() < 0 or triangles.max() >= len(points):
         bad = triangles.min() if triangles.min() < 0 else triangles.max()
         raise InputError(f"{path}: a triangle uses node {bad}, but node numbers run from 0 to {len(points) - 1}")
-    tri_groups, node_groups = _groups(raw, blocks)
+    tri_groups, node_groups = _groups(path, raw, blocks)
     used = np.unique(triangles)
     new_number = np.full(len(points), -1, dtype=np.int64)
     new_number[used] = np.arange(len(used))
@@ -63,7 +63,9 @@ def _read_quietly(path: Path) -> Any:
         raise InputError(f"{path}: a mesh file is needed, this is a folder")
     known = meshio.extension_to_filetypes
     if not any("".join(path.suffixes[-n:]).lower() in known for n in (1, 2)):
-        raise InputError(f"{path}: mesh format '{path.suffix}' is unknown, meshio reads {', '.join(sorted(known))}")
+        raise InputError(
+            f"{path}: the file extension '{path.suffix}' is unknown, meshio reads {', '.join(sorted(known))}"
+        )
     said = io.StringIO()
     try:
         # meshio prints its complaints and may end the process with SystemExit.
@@ -78,7 +80,7 @@ def _read_quietly(path: Path) -> Any:
 def _refuse_other_cells(path: Path, blocks: list[tuple[str, NDArray[Any]]]) -> None:
     counts: dict[str, int] = {}
     for kind, data in blocks:
-        if kind not in _CORNERS and len(data):
+        if kind not in _DIMENSION and len(data):
             counts[kind] = counts.get(kind, 0) + len(data)
     if counts:
         held = ", ".join(f"{count} {kind}" for kind, count in counts.items())
@@ -88,7 +90,7 @@ def _refuse_other_cells(path: Path, blocks: list[tuple[str, NDArray[Any]]]) -> N
 
 
 def _groups(
-    raw: Any, blocks: list[tuple[str, NDArray[Any]]]
+    path: Path, raw: Any, blocks: list[tuple[str, NDArray[Any]]]
 ) -> tuple[dict[str, NDArray[np.int64]], dict[str, NDArray[np.int64]]]:
     """Collect the named groups of triangles (element numbers) and of nodes (numbers as in the file)."""
     elements: dict[str, list[NDArray[Any]]] = {}
@@ -98,6 +100,8 @@ def _groups(
         for name, members in _named_members(raw, index, kind):
             if not len(members):
                 continue
+            if members.min() < 0 or members.max() >= len(data):
+                raise InputError(f"{path}: group '{name}' holds a {kind} beyond the {len(data)} of its block")
             if kind == "triangle":
                 elements.setdefault(name, []).append(members + offset)
             else:
@@ -113,13 +117,14 @@ def _named_members(raw: Any, index: int, kind: str) -> Iterable[tuple[str, NDArr
     """Yield name and member cells of one cell block: cell sets, then gmsh physical groups given as cell data."""
     for name, members in raw.cell_sets.items():
         if not name.startswith("gmsh:") and members[index] is not None:
-            yield name, np.asarray(members[index], dtype=np.int64).reshape(-1)
+            yield name, np.asarray(members[index], dtype=np.int64).ravel()
     physical = raw.cell_data.get("gmsh:physical")
     if physical is None:
         return
-    for name, (tag, dimension) in raw.field_data.items():
-        if dimension == _DIMENSION[kind]:
-            yield name, np.flatnonzero(np.asarray(physical[index]) == tag)
+    for name, data in raw.field_data.items():
+        pair = np.ravel(data)  # gmsh: number and dimension of the physical group; other formats keep other data here
+        if pair.size == 2 and pair[1] == _DIMENSION[kind]:
+            yield name, np.flatnonzero(np.asarray(physical[index]) == pair[0])
 
 
 def _renumbered(path: Path, name: str, nodes: NDArray[np.int64], new_number: NDArray[np.int64]) -> NDArray[np.int64]:

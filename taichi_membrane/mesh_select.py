@@ -64,7 +64,9 @@ def _read_term(part: str, where: str, key: str) -> _Term:
         raise InputError(f"{key}: cannot read '{text}' in the condition '{where}'; {_EXAMPLES}")
     coordinate, comparison, value, tolerance = match.groups()
     if (comparison == "=") != (tolerance is not None):
-        fault = "'=' needs 'within' and a tolerance" if comparison == "=" else f"'within' goes with '=', not '{comparison}'"
+        fault = (
+            "'=' needs 'within' and a tolerance" if comparison == "=" else f"'within' goes with '=', not '{comparison}'"
+        )
         raise InputError(f"{key}: {fault} in '{text}'; {_EXAMPLES}")
     term = _Term(text, coordinate.lower(), comparison, float(value), float(tolerance or 0.0))
     if term.tolerance < 0.0 or not np.isfinite([term.value, term.tolerance]).all():

@@ -174,15 +174,7 @@ def triangle_geometry(mesh: Mesh, tri_warp: Floats, *, where: str = "fabric.warp
     directed = np.cross(sides[:, 0], sides[:, 1])
     double_area = np.linalg.norm(directed, axis=1)
     normal = directed / double_area[:, None]
-    warp = tri_warp - np.einsum("ij,ij->i", tri_warp, normal)[:, None] * normal
-    warp_length = np.linalg.norm(warp, axis=1)
-    bad = np.flatnonzero(warp_length <= 1e-6 * np.linalg.norm(tri_warp, axis=1))
-    if bad.size:
-        raise InputError(
-            f"{where}: the warp direction {tri_warp[bad[0]].tolist()} is perpendicular to element {bad[0]} "
-            f"(and {bad.size - 1} others), so it has no projection on the fabric there"
-        )
-    warp = warp / warp_length[:, None]
+    warp = project_on_elements(tri_warp, normal, np.arange(mesh.tri_count), where)
     weft = np.cross(normal, warp)
     x, y = np.einsum("iaj,ij->ia", sides, warp), np.einsum("iaj,ij->ia", sides, weft)
     length = np.linalg.norm(sides, axis=2)
@@ -192,6 +184,23 @@ def triangle_geometry(mesh: Mesh, tri_warp: Floats, *, where: str = "fabric.warp
     return TriangleGeometry(
         side_length=length, area=0.5 * double_area, strain_matrix=strain_matrix, warp=warp, weft=weft
     )
+
+
+def project_on_elements(directions: Floats, normals: Floats, elements: Ints, where: str) -> Floats:
+    """Unit projections of the given elements' directions on their planes; (m, 3) arrays in, (len(elements), 3) out.
+
+    :raises InputError: a direction that is perpendicular to its element to within 1e-6, with the element number.
+    """
+    asked, normal = directions[elements], normals[elements]
+    tangent = asked - np.einsum("ij,ij->i", asked, normal)[:, None] * normal
+    length = np.linalg.norm(tangent, axis=1)
+    bad = np.flatnonzero(length <= 1e-6 * np.linalg.norm(asked, axis=1))
+    if bad.size:
+        raise InputError(
+            f"{where}: the direction {asked[bad[0]].tolist()} is perpendicular to element {elements[bad[0]]} "
+            f"(and {bad.size - 1} others), so it has no projection on the fabric there"
+        )
+    return tangent / length[:, None]
 
 
 def gather_lists(triangles: Ints, node_count: int) -> tuple[Ints, Ints]:

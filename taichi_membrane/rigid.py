@@ -12,8 +12,8 @@ from taichi_membrane.errors import InputError
 if TYPE_CHECKING:
     from taichi_membrane.mesh import Mesh
 
-# Singular values of the scaled modes lie between about 1 and the held patch's share of the body's size; round-off of the
-# coordinates is 1e-16. A support of one part in 1e9 of the size holds nothing that matters.
+# Singular values of the scaled modes lie between about 1 and the held patch's share of the body's size; round-off of
+# the coordinates is 1e-16. A support of one part in 1e9 of the size holds nothing that matters.
 RANK_TOLERANCE = 1e-9
 # Two directions nearer than this are the same in words.
 SAME_DIRECTION = 1e-6

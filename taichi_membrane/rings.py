@@ -6,6 +6,7 @@ reversal of the angle, so every shape made of them has a plane of symmetry throu
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -59,7 +60,7 @@ def zip_stack(rings: Sequence[Ring]) -> NDArray[np.int64]:
     """Triangulate the bands between successive rings, numbered one ring after the other from 0."""
     bands: list[NDArray[np.int64]] = []
     first = 0
-    for lower, upper in zip(rings[:-1], rings[1:], strict=True):
+    for lower, upper in itertools.pairwise(rings):
         bands.append(zip_rings(lower, upper) + first)
         first += lower.count
     return np.concatenate(bands) if bands else np.empty((0, 3), dtype=np.int64)

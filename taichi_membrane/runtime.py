@@ -59,7 +59,9 @@ def start(*, arch: Arch = "cpu", precision: Precision = "f64", threads: int | No
     actual = ti.cfg.arch
     _refuse_replacement(ti, arch, actual)
     count = int(ti.cfg.cpu_max_num_threads) if actual in (ti.x64, ti.arm64) else 0
-    runtime = Runtime(arch=actual.name, precision=precision, threads=count, taichi_version=".".join(map(str, ti.__version__)))
+    runtime = Runtime(
+        arch=actual.name, precision=precision, threads=count, taichi_version=".".join(map(str, ti.__version__))
+    )
     _started = (asked, runtime)
     return runtime
 
@@ -95,4 +97,6 @@ def _refuse_replacement(ti: Any, arch: Arch, actual: Any) -> None:
     wanted = {"cpu": cpu, "gpu": (ti.cuda, ti.vulkan, ti.metal, ti.opengl)}.get(arch) or (getattr(ti, arch),)
     if actual not in wanted:
         ti.reset()
-        raise InputError(f"arch = {arch!r} is not available on this machine (Taichi would use {actual.name!r} instead); use arch = 'cpu'")
+        raise InputError(
+            f"arch = {arch!r} is not available on this machine (Taichi would use {actual.name!r} instead); use arch = 'cpu'"
+        )

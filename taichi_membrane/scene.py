@@ -454,4 +454,6 @@ def _known(name: str, allowed: object, key: str, noun: str) -> None:
     """Refuse a name that is not among the allowed ones, and list them."""
     names = list(allowed)  # type: ignore[call-overload]
     if name not in names:
-        raise ValueError(f"{key}: {name!r} is not {noun} of this scene; allowed: {', '.join(names) or '(none defined)'}")
+        raise ValueError(
+            f"{key}: {name!r} is not {noun} of this scene; allowed: {', '.join(names) or '(none defined)'}"
+        )

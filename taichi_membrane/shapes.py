@@ -170,8 +170,8 @@ def arch(
     height = arc_radius * math.cos(half)
     points = np.column_stack((from_centre * np.sin(turn), -radius * sine, from_centre * np.cos(turn) - height))
     triangles = wall_triangles(around=around, along=along, pattern=pattern, first_phase=first_phase)
-    centroid = points[triangles].mean(axis=1) + (0.0, 0.0, height)
-    warp = np.column_stack((centroid[:, 2], np.zeros(len(centroid)), -centroid[:, 0]))
+    centroid = points[triangles].mean(axis=1)
+    warp = np.column_stack((centroid[:, 2] + height, np.zeros(len(centroid)), -centroid[:, 0]))
     node_groups = {"start": np.arange(around), "end": around * along + np.arange(around)}
     if along % 2 == 0:
         node_groups["crown"] = around * along // 2 + np.arange(around)
@@ -191,18 +191,54 @@ def sphere(*, radius: float, divisions: int) -> Mesh:
     check_size("sphere", 8 * divisions**2)
     n = divisions
     # Rings of 4, 8, … 4 n … 8, 4 nodes between the poles are the rows of the eight faces.
-    row = np.concatenate((np.arange(n + 1), np.arange(n - 1, -1, -1)))
-    triangles = zip_stack([Ring(max(4 * int(k), 1)) for k in row])
-    upper = np.concatenate([_octant_row(k, n) for k in range(n + 1)])
-    above_equator = len(upper) - 4 * n
-    starts = np.concatenate(([0], np.cumsum(np.maximum(4 * np.arange(1, n), 1)) + 0)) if n > 1 else np.zeros(1, dtype=int)
-    del starts
-    southern = np.concatenate([_octant_row(k, n) for k in range(n)]) * (1.0, 1.0, -1.0)
-    northern = np.concatenate([_octant_row(k, n) for k in range(n, -1, -1)])
+    rows = [*range(n + 1), *range(n - 1, -1, -1)]
+    triangles = zip_stack([Ring(max(4 * row, 1)) for row in rows])
+    southern = np.concatenate([_octahedron_row(row, n) for row in rows[:n]]) * (1.0, 1.0, -1.0)
+    northern = np.concatenate([_octahedron_row(row, n) for row in rows[n:]])
+    equator = len(southern) + np.arange(4 * n)
     points = radius * np.concatenate((southern, northern))
-    equator = above_equator + np.arange(4 * n)
-    node_groups = {"south": [0], "north": [len(points) - 1], "equator": equator}
+    node_groups = {"south": np.array([0]), "north": np.array([len(points) - 1]), "equator": equator}
     for quarter, name in enumerate(("x_plus", "y_plus", "x_minus", "y_minus")):
         node_groups[name] = equator[quarter * n : quarter * n + 1]
     warp = np.tile([0.0, 0.0, 1.0], (len(triangles), 1))
     return Mesh.build(points, triangles, node_groups, None, warp, where="sphere")
+
+
+def _octahedron_row(row: int, divisions: int) -> NDArray[np.float64]:
+    """Return the nodes of one row of the northern faces, 0 at the pole, as points of the unit sphere from +x round."""
+    step = np.arange(max(row, 1))
+    a, b = (row - step) / divisions, step / divisions
+    c = np.full(len(step), (divisions - row) / divisions)
+    # The sines space the nodes of the face's sides evenly along their great circles. The product widens the middle of
+    # the face: areas then differ by a factor of 1.34 (1.75 without it, 4.9 for a projection) with angles above 42°.
+    bulge = 2.0 * a * b * c
+    x, y, z = (np.sin(np.pi / 2.0 * weight) + bulge for weight in (a, b, c))
+    length = np.sqrt((x**2 + y**2) + z**2)
+    x, y, z = x / length, y / length, z / length
+    quarters = ((x, y, z), (-y, x, z), (-x, -y, z), (y, -x, z))
+    return np.concatenate([np.column_stack(quarter) for quarter in (quarters if row else quarters[:1])])
+
+
+def disc(*, radius: float, rings: int, sectors: int = 6) -> Mesh:
+    """Flat disc in z = 0 about the origin; ring k has ``sectors`` * k nodes at k / ``rings`` of the radius.
+
+    :param rings: bands of elements from the centre to the rim, at least 1.
+    :param sectors: elements round the centre, at least 3; 6 makes them nearly equilateral.
+    :return: node groups ``rim`` and ``centre``; normals along +z. Warp runs along x.
+    """
+    radius = check_length("disc", "radius", radius)
+    check_count("disc", "rings", rings, 1)
+    check_count("disc", "sectors", sectors, 3)
+    check_size("disc", sectors * rings**2)
+    inwards = [Ring(sectors * k) for k in range(rings, 0, -1)]
+    points = []
+    for ring in inwards:
+        cosine, sine = ring_directions(ring)
+        ring_radius = radius * (ring.count // sectors) / rings
+        points.append(np.column_stack((ring_radius * cosine, ring_radius * sine, np.zeros(ring.count))))
+    points.append(np.zeros((1, 3)))
+    xyz = np.concatenate(points)
+    triangles = zip_stack([*inwards, Ring(1)])
+    node_groups = {"rim": np.arange(sectors * rings), "centre": np.array([len(xyz) - 1])}
+    warp = np.tile([1.0, 0.0, 0.0], (len(triangles), 1))
+    return Mesh.build(xyz, triangles, node_groups, None, warp, where="disc")

@@ -96,7 +96,7 @@ def _grid_points(nx: int, ny: int, pattern: str) -> NDArray[np.float64]:
 
 
 def _grid_triangles(nx: int, ny: int, pattern: str, *, corners_cut: bool) -> NDArray[np.int64]:
-    """Cut the cells of the grid counter-clockwise; ``corners_cut`` turns the diagonals of corner cells to the corner."""
+    """Cut the cells counter-clockwise; ``corners_cut`` turns the diagonals of the corner cells to the corner."""
     j, i = (index.ravel() for index in np.meshgrid(np.arange(ny), np.arange(nx), indexing="ij"))
     a = j * (nx + 1) + i
     b, c, d = a + 1, a + nx + 2, a + nx + 1

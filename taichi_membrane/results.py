@@ -1,0 +1,129 @@
+"""Frozen records of what a run found; NumPy only, double precision, in the scene's units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.names import SLACK, TAUT, WRINKLED
+from taichi_membrane.scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElementFields:
+    """What each triangle does; (m,) arrays unless said otherwise.
+
+    :param strain: (m, 3) in fabric axes: warp, weft, engineering shear.
+    :param stress: (m, 3) force per area in fabric axes.
+    :param state: 0 taut, 1 wrinkled, 2 slack.
+    :param fold_strain: largest principal strain stored in folds.
+    :param taut_margin: minor principal trial stress over the larger modulus; negative where not taut.
+    :param slack_margin: major principal strain; negative where slack.
+    :param major_stress: major principal stress; ``minor_stress`` the other one.
+    :param major_direction: (m, 3) unit vector of the major stress on the deformed element; wrinkles run along it.
+    """
+
+    strain: Floats
+    stress: Floats
+    state: NDArray[np.int8]
+    fold_strain: Floats
+    taut_margin: Floats
+    slack_margin: Floats
+    major_stress: Floats
+    minor_stress: Floats
+    major_direction: Floats
+
+    def count(self) -> dict[str, int]:
+        """Numbers of taut, wrinkled and slack elements."""
+        numbers = np.bincount(self.state, minlength=3)
+        return {"taut": int(numbers[TAUT]), "wrinkled": int(numbers[WRINKLED]), "slack": int(numbers[SLACK])}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepResult:
+    """One load step.
+
+    :param number: 0, 1, … over the whole run; ``stage_step`` counts 1, 2, … within ``stage``.
+    :param pressures: each pressure's value; ``loads`` each load's factor.
+    :param displacement: (n, 3) nodal displacements; ``reaction`` (n, 3) support forces, zero at free components.
+    :param volume: enclosed volume of a closed body, else the volume swept since rest.
+    :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy.
+    :param converged: False marks a state that is *not* an equilibrium; ``reason`` says why.
+    :param cuts: how often the step had to be halved.
+    """
+
+    number: int
+    stage: str
+    stage_step: int
+    pressures: dict[str, float]
+    loads: dict[str, float]
+    displacement: Floats
+    reaction: Floats
+    elements: ElementFields
+    probes: dict[str, float]
+    volume: float
+    energy: float | None
+    solver: str
+    converged: bool
+    reason: str
+    iterations: int
+    residual: float
+    cuts: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckResult:
+    """A check of the scene: probe value against reference; ``error`` relative or absolute as the tolerance is."""
+
+    probe: str
+    stage: str
+    step: int
+    value: float | None
+    reference: float
+    error: float | None
+    tolerance: float
+    relative: bool
+    source: str
+    passed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunResult:
+    """A finished run.
+
+    :param seconds: time per phase: ``setup``, ``compile``, ``solve``, ``output``, ``render``.
+    :param provenance: versions, back end and precision that really ran.
+    :param directory: where files were written; None when none were.
+    """
+
+    scene: Scene
+    mesh: Mesh
+    steps: tuple[StepResult, ...]
+    checks: tuple[CheckResult, ...]
+    seconds: dict[str, float]
+    provenance: dict[str, Any]
+    directory: Path | None = None
+    files: tuple[Path, ...] = field(default=())
+
+    @property
+    def converged(self) -> bool:
+        """True when every load step of the scene was run and converged."""
+        expected = sum(stage.steps for stage in self.scene.stages)
+        return len(self.steps) == expected and all(step.converged for step in self.steps)
+
+    @property
+    def passed(self) -> bool:
+        """True when every check of the scene holds."""
+        return all(check.passed for check in self.checks)
+
+    def probe(self, name: str) -> Floats:
+        """A probe's value at every load step."""
+        return np.array([step.probes[name] for step in self.steps])

@@ -1,0 +1,194 @@
+"""A whole run: scene, mesh, model, load steps, files, pictures, checks."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.model import Model, build_mesh, build_model
+from taichi_membrane.names import Arch, Precision
+from taichi_membrane.results import RunResult, StepResult
+from taichi_membrane.scene import Camera, Scene
+
+if TYPE_CHECKING:
+    from taichi_membrane.runtime import Runtime
+
+
+class Observer(Protocol):
+    """Hears how a run gets on. The command line is one; a notebook may be another."""
+
+    def phase(self, name: str) -> None:
+        """A phase begins, such as "compiling kernels"."""
+
+    def progress(self, stage: str, step: int, steps: int, iterations: int, residual: float, seconds: float) -> None:
+        """A solver is at work on step ``step`` of ``steps`` of a stage."""
+
+    def step_done(self, step: StepResult) -> None:
+        """A load step has ended, converged or not."""
+
+    def wrote(self, path: Path) -> None:
+        """A file is in place."""
+
+
+class Silent:
+    """The observer that says nothing."""
+
+    def phase(self, name: str) -> None:
+        """Say nothing."""
+
+    def progress(self, stage: str, step: int, steps: int, iterations: int, residual: float, seconds: float) -> None:
+        """Say nothing."""
+
+    def step_done(self, step: StepResult) -> None:
+        """Say nothing."""
+
+    def wrote(self, path: Path) -> None:
+        """Say nothing."""
+
+
+class _Clock:
+    """Seconds spent in each phase, told to the observer as they begin."""
+
+    def __init__(self, observer: Observer) -> None:
+        self.observer = observer
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def phase(self, key: str, told: str | None = None) -> Iterator[None]:
+        if told is not None:
+            self.observer.phase(told)
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[key] = self.seconds.get(key, 0.0) + time.perf_counter() - started
+
+
+def run(
+    scene: Scene,
+    *,
+    out: Path | None = None,
+    base: Path | None = None,
+    arch: Arch = "cpu",
+    precision: Precision = "f64",
+    threads: int | None = None,
+    render: bool = True,
+    observer: Observer | None = None,
+) -> RunResult:
+    """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
+
+    :param out: folder for summary.json, history.csv, step files, curve.png and pictures; nothing is written when None.
+    :param base: folder that a relative mesh path starts from; the current one when None.
+    :param render: draw pictures and the curve (only with ``out``).
+    :raises InputError: a scene, mesh or back end that cannot be used. A step that does not converge raises nothing: it ends the run, and
+        ``RunResult.converged`` says so.
+    """
+    observer = observer or Silent()
+    clock = _Clock(observer)
+    with clock.phase("setup", "reading the mesh"):
+        mesh = build_mesh(scene, base)
+        model = build_model(scene, mesh)
+    with clock.phase("start", "starting Taichi"):
+        from taichi_membrane import runtime
+
+        active = runtime.start(arch=arch, precision=precision, threads=threads)
+        from taichi_membrane import analysis, probes
+    probes.validate(model)
+    with clock.phase("setup"):
+        work = analysis.Analysis(model)
+    with clock.phase("compile", "compiling kernels"):
+        work.compile()
+    provenance = _provenance(model, active)
+    writer = None
+    if out is not None:
+        from taichi_membrane.output import Writer
+
+        writer = Writer(Path(out), scene, mesh, provenance=provenance, tri_fabric=model.structure.tri_fabric)
+    result = RunResult(
+        scene=scene, mesh=mesh, steps=(), checks=(), seconds=clock.seconds, provenance=provenance, directory=out
+    )
+    try:
+        observer.phase("solving")
+        steps = work.steps(lambda stage, k, n, p: observer.progress(stage, k, n, p.iteration, p.residual, p.seconds))
+        while True:
+            with clock.phase("solve"):
+                step = next(steps, None)
+            if step is None:
+                break
+            result = replace(result, steps=(*result.steps, step))
+            observer.step_done(step)
+            if writer is not None:
+                with clock.phase("output"):
+                    for path in writer.write_step(step, clock.seconds):
+                        observer.wrote(path)
+    finally:
+        # Also after Ctrl-C: what was computed is judged, drawn and kept.
+        result = replace(result, checks=probes.run_checks(scene, result.steps))
+        if writer is not None and result.steps:
+            if render:
+                from taichi_membrane import gallery
+
+                with clock.phase("render", "drawing"):
+                    for path in gallery.draw_run(result, writer.directory, scene.camera):
+                        writer.note(path)
+                        observer.wrote(path)
+            result = replace(result, files=tuple(writer.finish(result)))
+    return result
+
+
+def summarise(scene: Scene, base: Path | None = None) -> tuple[Model, list[str], list[str]]:
+    """Validate a scene and its mesh without running it; the model, what is compiled in and what is left out.
+
+    :raises InputError: anything a run would refuse before it starts.
+    """
+    from taichi_membrane import probes
+
+    model = build_model(scene, build_mesh(scene, base))
+    probes.validate(model)
+    compiled_in, left_out = model.structure.features().describe()
+    return model, compiled_in, left_out
+
+
+def redraw(directory: Path, *, camera: Camera | None = None, observer: Observer | None = None) -> list[Path]:
+    """Draw a finished run's pictures again, with another camera if one is given.
+
+    :raises InputError: the folder is not a run of this program, or is damaged.
+    """
+    observer = observer or Silent()
+    from taichi_membrane import gallery, runtime
+    from taichi_membrane.output import read_run
+
+    scene, mesh, steps = read_run(directory)
+    if not steps:
+        raise InputError(f"{directory}: this run has no load steps to draw")
+    runtime.start()
+    result = RunResult(scene=scene, mesh=mesh, steps=tuple(steps), checks=(), seconds={}, provenance={})
+    observer.phase("drawing")
+    paths = []
+    for path in gallery.draw_run(result, directory, camera or scene.camera):
+        observer.wrote(path)
+        paths.append(path)
+    return paths
+
+
+def _provenance(model: Model, active: Runtime) -> dict[str, Any]:
+    """What really ran, so that a number can be traced."""
+    compiled_in, left_out = model.structure.features().describe()
+    return {
+        "taichi_membrane": metadata.version("taichi-membrane"),
+        "taichi": active.taichi_version,
+        "python": platform.python_version(),
+        "numpy": metadata.version("numpy"),
+        "arch": active.arch,
+        "precision": active.precision,
+        "threads": active.threads,
+        "compiled_in": compiled_in,
+        "left_out": left_out,
+    }
