@@ -50,7 +50,13 @@ def write_animation(pngs: Sequence[Path], path: Path, *, frame_seconds: float = 
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         indexed[0].save(
-            temporary, format="GIF", save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=False
+            temporary,
+            format="GIF",
+            save_all=True,
+            append_images=indexed[1:],
+            duration=durations,
+            loop=0,
+            optimize=False,
         )
         os.replace(temporary, path)
     finally:

@@ -63,6 +63,18 @@ class Camera:
         x, y = self.principal
         return np.column_stack((x + scale * view[:, 0], y - scale * view[:, 1], depth))
 
+    def seen_direction(self, points: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Directions at points as seen in the picture: x, y (downwards) per unit of ``directions``, (n, 2); 1 is full length."""
+        x, y, z = self.axes @ ((points - self.centre) / self.radius).T
+        right, up, towards = self.axes @ directions.T
+        if self.projection == "orthographic":
+            return np.stack((right, -up), axis=1)
+        depth = VIEWER_DISTANCE - z
+        return (
+            np.stack((right + x * towards / depth, -up - y * towards / depth), axis=1)
+            * (VIEWER_DISTANCE / depth)[:, None]
+        )
+
     @property
     def pixels_per_length(self) -> float:
         """Pixels per unit of length at the depth of the centre (everywhere when orthographic)."""
@@ -95,7 +107,10 @@ def fit_camera(
     sets = [_checked(points, f"point set {number}: ") for number, points in enumerate(point_sets)]
     if not sum(map(len, sets)):
         raise ValueError("a camera cannot be fitted to no points")
-    low, high = np.min([p.min(axis=0) for p in sets if len(p)], axis=0), np.max([p.max(axis=0) for p in sets if len(p)], axis=0)
+    low, high = (
+        np.min([p.min(axis=0) for p in sets if len(p)], axis=0),
+        np.max([p.max(axis=0) for p in sets if len(p)], axis=0),
+    )
     centre = 0.5 * (low + high)
     radius = float(np.sqrt(max(((p - centre) ** 2).sum(axis=1).max() for p in sets if len(p))))
     if not radius > 1e-12 * float(np.abs(centre).max()):
@@ -104,7 +119,13 @@ def fit_camera(
     flat = [_flat(_view(p, centre, radius, axes), projection) for p in sets if len(p)]
     scale, principal = _largest_view(flat, size)
     return Camera(
-        centre=centre, radius=radius, axes=axes, projection=projection, principal=principal, pixels_per_radius=scale, size=size
+        centre=centre,
+        radius=radius,
+        axes=axes,
+        projection=projection,
+        principal=principal,
+        pixels_per_radius=scale,
+        size=size,
     )
 
 
@@ -167,13 +188,21 @@ def _largest_view(flat: list[NDArray[np.float64]], size: tuple[int, int]) -> tup
     margin = PAGE_MARGIN * unit
     x, y = np.meshgrid(np.linspace(margin, width - margin, 81), np.linspace(margin, height - margin, 81))
     spots = np.stack((x, y), axis=-1)  # trial places of the point ``inside``
-    sides = ((0, width - margin, 1.0), (quarter, height - margin, 1.0), (2 * quarter, margin, -1.0), (3 * quarter, margin, -1.0))
+    sides = (
+        (0, width - margin, 1.0),
+        (quarter, height - margin, 1.0),
+        (2 * quarter, margin, -1.0),
+        (3 * quarter, margin, -1.0),
+    )
     scale = np.min([sign * (limit - (y if k % (2 * quarter) else x)) / extent[k] for k, limit, sign in sides], axis=0)
     first = {"title": 2 * quarter, "legend": 3 * quarter, "axes": quarter, "scale": 0}
     for name, (box_width, box_height) in CORNER_BOXES.items():
         left, top = name in ("title", "axes"), name in ("title", "legend")
         corner = np.array(
-            (box_width * unit if left else width - box_width * unit, box_height * unit if top else height - box_height * unit)
+            (
+                box_width * unit if left else width - box_width * unit,
+                box_height * unit if top else height - box_height * unit,
+            )
         )
         k = (first[name] + np.arange(quarter + 1)) % len(normals)
         scale = np.minimum(scale, (((corner - spots) @ normals[k].T) / extent[k]).max(axis=-1))

@@ -9,27 +9,23 @@ import taichi as ti
 
 @ti.func
 def side_extension(rest, stretch, rest_length, green: ti.template()):
-    """Extension δ of a side and its present length l.
+    """Extension δ of a side, its present length l, and ∂l/∂(l·δ): the factor that turns a natural force into force density.
 
     ``rest`` is the side's vector at rest, ``stretch`` the difference of its end displacements. l² - L² is formed from
     displacements, so that nothing cancels in single precision: δ = (l² - L²)/(l + L), or Green's δ = (l² - L²)/(2 L).
+    A natural force T pulls with T ∂δ/∂x: T/l per length of the side vector for the engineering extension, T/L for Green's.
     """
-    now = rest + stretch
-    length = now.norm()
+    length = (rest + stretch).norm()
     growth = (2.0 * rest + stretch).dot(stretch)
-    divisor = rest_length + length
+    extension, density_factor = growth, length
     if ti.static(green):
-        divisor = 2.0 * rest_length
-    return growth / divisor, length
-
-
-@ti.func
-def force_density(side_force, length, rest_length, green: ti.template()):
-    """Natural force over length: ∂δ/∂x = Δx/l for the engineering extension, Δx/L for Green's."""
-    divisor = length
-    if ti.static(green):
-        divisor = rest_length
-    return side_force / divisor
+        density_factor = 1.0 / rest_length
+        extension = 0.5 * growth * density_factor
+    else:
+        reciprocal = 1.0 / (length * (length + rest_length))  # one division serves both
+        extension = growth * length * reciprocal
+        density_factor = (length + rest_length) * reciprocal
+    return extension, length, density_factor
 
 
 @ti.func

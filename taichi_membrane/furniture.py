@@ -10,7 +10,9 @@ from dataclasses import dataclass
 
 import matplotlib.patheffects as effects
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -42,6 +44,22 @@ class ColourBar:
     above: bool
 
 
+class _Backdrop(Artist):
+    """Pixels copied as they are; matplotlib's own images are resampled, which costs more than the whole raster."""
+
+    def __init__(self, colour: NDArray[np.uint8]) -> None:
+        super().__init__()
+        self.set_zorder(0)
+        opaque = np.full((*colour.shape[:2], 1), 255, np.uint8)
+        self._rgba = np.concatenate((colour, opaque), axis=2)
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Called by matplotlib."""
+        context = renderer.new_gc()
+        renderer.draw_image(context, 0, 0, self._rgba[::-1])
+        context.restore()
+
+
 class Page:
     """One picture under construction: a background of pixels and vector furniture over it."""
 
@@ -51,8 +69,8 @@ class Page:
         self.unit = furniture_scale(camera.size)
         self.figure = Figure(figsize=(self.width / DPI, self.height / DPI), dpi=DPI)
         self.canvas = FigureCanvasAgg(self.figure)
-        self.figure.figimage(background, origin="upper")
-        self.axes: Axes = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        self.figure.add_artist(_Backdrop(background))
+        self.axes: Axes = self.figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=1, facecolor="none")
         self.axes.set(xlim=(0, self.width), ylim=(self.height, 0))
         self.axes.set_axis_off()
 
@@ -107,7 +125,10 @@ class Page:
         )
         self.axes.set(xlim=(0, self.width), ylim=(self.height, 0))
         frame = [(left, top), (left + width, top), (left + width, top + height), (left, top + height)]
-        for outside, x, sign, colour in ((bar.below, left, -1, bar.ramp[0]), (bar.above, left + width, 1, bar.ramp[-1])):
+        for outside, x, sign, colour in (
+            (bar.below, left, -1, bar.ramp[0]),
+            (bar.above, left + width, 1, bar.ramp[-1]),
+        ):
             if outside:
                 tip = [(x, top), (x + sign * 0.8 * height, top + 0.5 * height), (x, top + height)]
                 self.axes.add_patch(Polygon(tip, facecolor=tuple(colour), edgecolor=INK, linewidth=self.points(1.0)))
@@ -131,17 +152,20 @@ class Page:
 
     def scale_bar(self, length_unit: str) -> None:
         """A round length in the lower right corner; in perspective it holds at the depth of the centre, and says so."""
-        longest = 250.0 * self.unit / self.camera.pixels_per_length
+        longest = 300.0 * self.unit / self.camera.pixels_per_length
         power = 10.0 ** np.floor(np.log10(longest))
         length = power * max(step for step in (1, 2, 5) if step * power <= longest)
         right, y = self.width - PAGE_MARGIN * self.unit, self.height - 40.0 * self.unit
         left = right - length * self.camera.pixels_per_length
         self.axes.plot([left, right], [y, y], color=INK, lw=self.points(4.5), solid_capstyle="butt")
-        note = "  at mid-depth" if self.camera.projection == "perspective" else ""
-        label = self.text(right, y - 20 * self.unit, f"{length:g} {length_unit}{note}", ha="right", va="center")
-        width = label.get_window_extent(self.canvas.get_renderer()).width
-        if width < right - left:
-            label.set(x=0.5 * (left + right), ha="center")
+        label = self.text(
+            0.5 * (left + right), y - 20 * self.unit, f"{length:g} {length_unit}", ha="center", va="center"
+        )
+        if self.camera.projection == "perspective":
+            label.set(x=right, ha="right")
+            width = label.get_window_extent(self.canvas.get_renderer()).width
+            note = self.text(right - width, label.get_position()[1], "at mid-depth  ", size=SMALL, colour=GREY)
+            note.set(ha="right", va="center")
 
     def axis_triad(self) -> None:
         """Directions of x, y, z in the lower left corner; the ones that point away are drawn first."""
@@ -161,23 +185,55 @@ class Page:
             self.text(x, y, "xyz"[k], colour=AXIS_COLOURS[k], style="italic", ha="center", va="center")
 
     def arrow(
-        self, tail: tuple[float, float], tip: tuple[float, float], *, colour: str, width: float, head: float
+        self,
+        tail: Sequence[float] | NDArray[np.float64],
+        tip: Sequence[float] | NDArray[np.float64],
+        *,
+        colour: str,
+        width: float,
+        head: float,
     ) -> None:
         """A straight arrow with a filled head and a thin white edge, so that it stays readable on any ground."""
         outline = effects.withStroke(linewidth=self.points(width + 3.0), foreground="white")
         style = f"-|>,head_length={self.points(head):.3f},head_width={self.points(0.42 * head):.3f}"
         self.axes.add_patch(
             FancyArrowPatch(
-                tail, tip, arrowstyle=style, mutation_scale=1.0, shrinkA=0, shrinkB=0, color=colour, joinstyle="miter",
-                linewidth=self.points(width), path_effects=[outline], zorder=6,
+                tuple(tail), tuple(tip), arrowstyle=style, mutation_scale=1.0, shrinkA=0, shrinkB=0, color=colour,
+                joinstyle="miter", linewidth=self.points(width), path_effects=[outline], zorder=6,
             )
         )  # fmt: skip
 
-    def lines(self, lines: Sequence[NDArray[np.float64]], *, colours: Sequence[str] | str, width: float, **style: object) -> None:
+    def lines(
+        self, lines: Sequence[NDArray[np.float64]], *, colours: Sequence[str] | str, width: float, **style: object
+    ) -> None:
         """Polylines (k, 2) in pixels; ``width`` in pixels at 1600 x 1000."""
         self.axes.add_collection(
             LineCollection(list(lines), colors=colours, linewidths=self.points(width), **style), autolim=False  # type: ignore[arg-type]
         )  # fmt: skip
+
+    def dashed(self, lines: Sequence[NDArray[np.float64]], *, colour: str) -> None:
+        """Dashed polylines on a pale band, so that they can be followed over light and dark ground."""
+        width, dash, gap = 1.8, 9.0, 7.0
+        self.lines(lines, colours="white", width=width + 2.0, alpha=0.45)
+        self.lines(lines, colours=colour, width=width, linestyles=[(0, (dash / width, gap / width))], capstyle="butt")
+
+    def arrow_end_on(self, at: NDArray[np.float64], *, towards: bool, colour: str) -> None:
+        """An arrow along the line of sight: its tip (a dot in a ring) or its feathers (a cross in a ring)."""
+        ring = {"mfc": "white", "mec": colour, "mew": self.points(2.6), "zorder": 6}
+        self.axes.plot(*at, "o", ms=self.points(26.0), **ring)  # type: ignore[arg-type]
+        ring["mfc"] = colour
+        self.axes.plot(*at, "o" if towards else "x", ms=self.points(7.0 if towards else 13.0), **ring)  # type: ignore[arg-type]
+
+    def label_beside(self, at: NDArray[np.float64], words: str, *, colour: str) -> None:
+        """Text to the right of a point, or to its left where the page ends, on a pale ground."""
+        gap = 16.0 * self.unit
+        text = self.text(at[0] + gap, at[1], words, colour=colour, va="center", zorder=7)
+        text.set_path_effects([effects.withStroke(linewidth=self.points(4.0), foreground="white")])
+        extent = text.get_window_extent(self.canvas.get_renderer())
+        if extent.x1 > self.width - gap:
+            text.set(x=at[0] - gap, ha="right")
+        half = 0.5 * extent.height
+        text.set(y=float(np.clip(at[1], half, self.height - half)))
 
     def _legend_left(self) -> float:
         return self.width - (CORNER_BOXES["legend"][0] - 18.0) * self.unit
@@ -188,7 +244,8 @@ def _ticks(low: float, high: float) -> tuple[NDArray[np.float64], list[str], str
     largest = max(abs(low), abs(high))
     power = int(np.floor(np.log10(largest))) if largest else 0
     power = 0 if -2 <= power < 4 else power
-    scaled = MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]).tick_values(low / 10.0**power, high / 10.0**power)
+    locator = MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10])
+    scaled = np.asarray(locator.tick_values(low / 10.0**power, high / 10.0**power))
     slack = 1e-9 * (high - low) / 10.0**power
     scaled = scaled[(scaled >= low / 10.0**power - slack) & (scaled <= high / 10.0**power + slack)]
     words = [f"{value:.10g}".replace("-", "−") for value in np.round(scaled, 9)]

@@ -178,39 +178,35 @@ class Membrane:
         return self.node_displacement[nodes[(a + 2) % 3]] - self.node_displacement[nodes[(a + 1) % 3]]
 
     @ti.func
-    def strain_and_lengths(self, t, k, variant: ti.template()):
-        """Strain in fabric axes (eq. 7), with the offset that stands for prestress, and the present side lengths."""
+    def strain_and_sides(self, t, k, variant: ti.template()):
+        """Strain in fabric axes (eq. 7) with the offset that stands for prestress, side lengths, force-density factors."""
         nodes = self.tri_node[t]
         rest_length = self.tri_side_length[t]
-        extension, length = 0.0 * rest_length, 0.0 * rest_length
+        extension, length, factor = 0.0 * rest_length, 0.0 * rest_length, 0.0 * rest_length
         for a in ti.static(range(3)):
-            extension[a], length[a] = element.side_extension(
+            extension[a], length[a], factor[a] = element.side_extension(
                 self.rest_side(nodes, a), self.side_stretch(nodes, a), rest_length[a], variant.green
             )
         strain = self.tri_strain_matrix[t] @ extension
         if ti.static(self.features.prestress):
             strain += self.fabric_prestrain[k]
-        return strain, length
+        return strain, length, factor
 
     @ti.func
     def natural_forces(self, t, k, variant: ti.template()):
-        """Side forces T = V Gᵀ σ (eq. 12) and present side lengths of triangle ``t``."""
-        strain, length = self.strain_and_lengths(t, k, variant)
+        """Side forces T = V Gᵀ σ (eq. 12), present side lengths and force-density factors of triangle ``t``."""
+        strain, length, factor = self.strain_and_sides(t, k, variant)
         stress, _, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
-        return self.tri_volume[t] * (self.tri_strain_matrix[t].transpose() @ stress), length
+        return self.tri_volume[t] * (self.tri_strain_matrix[t].transpose() @ stress), length, factor
 
     @ti.func
     def force_densities(self, t, k):
         """Force over length of the three sides of triangle ``t``, by the element code its fabric needs."""
-        rest_length = self.tri_side_length[t]
-        density = 0.0 * rest_length
+        density = ti.Vector.zero(self.fp, 3)
         for number in ti.static(range(len(self.features.variants))):
             if self.has_variant(k, number):
-                side_force, length = self.natural_forces(t, k, self.features.variants[number])
-                for a in ti.static(range(3)):
-                    density[a] = element.force_density(
-                        side_force[a], length[a], rest_length[a], self.features.variants[number].green
-                    )
+                side_force, _, factor = self.natural_forces(t, k, self.features.variants[number])
+                density = side_force * factor
         return density
 
     @ti.func
@@ -266,7 +262,7 @@ class Membrane:
         f = self.fabric_constants[k]
         matrix = self.tri_strain_matrix[t]
         rest_length = self.tri_side_length[t]
-        side_force, length = self.natural_forces(t, k, variant)
+        side_force, length, _ = self.natural_forces(t, k, variant)
         bound = 0.0 * rest_length
         for a in ti.static(range(3)):
             column = fabric.elastic_stress(ti.Vector([matrix[0, a], matrix[1, a], matrix[2, a]]), f)
@@ -307,7 +303,7 @@ class Membrane:
     @ti.func
     def energy_density(self, t, k, variant: ti.template()):
         """Strain energy per volume of triangle ``t``."""
-        strain, _ = self.strain_and_lengths(t, k, variant)
+        strain, _, _ = self.strain_and_sides(t, k, variant)
         _, density, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
         return density
 
@@ -364,7 +360,7 @@ class Membrane:
     def state_of(self, t, k, variant: ti.template()):
         """Strain, stress, state and the three scalars of :class:`ElementState` of triangle ``t``."""
         f = self.fabric_constants[k]
-        strain, _ = self.strain_and_lengths(t, k, variant)
+        strain, _, _ = self.strain_and_sides(t, k, variant)
         stress, _, state = fabric.response(strain, f, variant.law, variant.orthotropic)
         trial = fabric.elastic_stress(strain, f)
         folds = fabric.fold_strain(strain, stress, f)

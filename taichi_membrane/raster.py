@@ -9,15 +9,17 @@ Kernels need real annotations, hence no postponed evaluation here; literals are 
 
 import functools
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-F1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
-F2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-F3 = ti.types.ndarray(dtype=ti.f32, ndim=3)
-I2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
+if TYPE_CHECKING:  # a checker sees no types in calls
+    F1 = F2 = F3 = I2 = Any
+else:
+    F1, F2, F3 = (ti.types.ndarray(dtype=ti.f32, ndim=n) for n in (1, 2, 3))
+    I2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
 
 BACKGROUND = -1  # in ``code``; else the state (0, 1, 2), plus BACK_FACE where the inside of the surface is seen
 BACK_FACE = 4
@@ -25,8 +27,12 @@ DEPTH_STEPS = 1 << 24  # nearness 0..1 is kept as an integer: all that f32 resol
 BACK_BIAS = 64  # steps by which back faces recede: of two coincident sheets the outer one is seen
 STRIP = 32  # sample rows per work item, so that one huge triangle is shared between threads
 NO_TRIANGLE = 2147483647
-TAPS = np.array([(dy * r, dx * r) for r in (3, 8, 23) for dy, dx in ((0, 1), (1, 1), (1, 0), (1, -1))], np.int32)
-LIGHT = np.array([-0.38, 0.56, 0.74], np.float32) / np.float32(1.003)  # unit; upper left, in front: where readers expect it
+LEAP = 0.03  # bounding radii; a larger step in depth between neighbouring samples is the edge of a part in front
+TAUT_MARGIN, SLACK_MARGIN, SCALAR, NORMAL, COS_2, SIN_2 = 0, 1, 2, 3, 6, 7  # columns of ``Surface.node``
+TAPS = np.array([(dy * r, dx * r) for r in (2, 5, 12) for dy, dx in ((0, 1), (1, 1), (1, 0), (1, -1))], np.int32)
+LIGHT = np.array([-0.38, 0.56, 0.74], np.float32) / np.float32(
+    1.003
+)  # unit; upper left, in front: where readers expect it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,28 +131,44 @@ def _cross(ax, ay, bx, by):
 
 
 @ti.func
-def _weights(screen: ti.template(), a, b, c, x, y):
-    """Barycentric coordinates of a sample; differences to the sample first, so that f32 loses nothing on small triangles."""
+def _corner_areas(screen: ti.template(), a, b, c, x, y):
+    """Barycentric coordinates of a sample times twice the area (sign as in :func:`_double_area`).
+
+    Differences to the sample come first, so that f32 loses nothing on small triangles.
+    """
     ax, ay = screen[a, 0] - x, screen[a, 1] - y
     bx, by = screen[b, 0] - x, screen[b, 1] - y
     cx, cy = screen[c, 0] - x, screen[c, 1] - y
-    wa, wb, wc = _cross(bx, by, cx, cy), _cross(cx, cy, ax, ay), _cross(ax, ay, bx, by)
-    return ti.Vector([wa, wb, wc]) / (wa + wb + wc)
+    return ti.Vector([_cross(bx, by, cx, cy), _cross(cx, cy, ax, ay), _cross(ax, ay, bx, by)])
 
 
 @ti.func
-def _true_weights(screen: ti.template(), a, b, c, x, y):
-    """Barycentric coordinates on the surface itself: perspective taken out."""
-    w = _weights(screen, a, b, c, x, y)
+def _weights(screen: ti.template(), triangles: ti.template(), t, y, x):
+    """Barycentric coordinates, on the surface itself (perspective taken out), of the point that sample (y, x) shows."""
+    a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+    w = _corner_areas(screen, a, b, c, ti.cast(x, ti.f32) + ti.f32(0.5), ti.cast(y, ti.f32) + ti.f32(0.5))
     w = ti.Vector([w[0] * screen[a, 3], w[1] * screen[b, 3], w[2] * screen[c, 3]])
     return w / (w[0] + w[1] + w[2])
+
+
+@ti.func
+def _at(node: ti.template(), column: ti.template(), triangles: ti.template(), t, w):
+    """A nodal field interpolated in triangle t."""
+    return (
+        w[0] * node[triangles[t, 0], column]
+        + w[1] * node[triangles[t, 1], column]
+        + w[2] * node[triangles[t, 2], column]
+    )
 
 
 @ti.func
 def _double_area(screen: ti.template(), a, b, c):
     """Negative when the corners run counter-clockwise as seen (y points down): the front."""
     return _cross(
-        screen[b, 0] - screen[a, 0], screen[b, 1] - screen[a, 1], screen[c, 0] - screen[a, 0], screen[c, 1] - screen[a, 1]
+        screen[b, 0] - screen[a, 0],
+        screen[b, 1] - screen[a, 1],
+        screen[c, 0] - screen[a, 0],
+        screen[c, 1] - screen[a, 1],
     )
 
 
@@ -183,16 +205,20 @@ def _scatter(screen: F2, triangles: I2, strips: ti.i32, owners: ti.i32, depth: I
         y0 = ti.cast(ti.ceil(ti.max(y_min, zero) - half), ti.i32) + s * STRIP
         y1 = ti.min(ti.cast(ti.floor(ti.min(y_max, rows) - half), ti.i32) + 1, y0 + STRIP)
         area = _double_area(screen, a, b, c)
+        hair = ti.f32(-1e-5) * ti.abs(area)  # neighbours overlap by a hair rather than leave a crack
+        lift = 0
+        if area < zero:
+            lift = BACK_BIAS
         if ti.abs(area) > ti.f32(1e-9):
             for y in range(ti.max(y0, 0), y1):
                 for x in range(ti.max(x0, 0), x1):
-                    w = _weights(screen, a, b, c, ti.cast(x, ti.f32) + half, ti.cast(y, ti.f32) + half)
-                    if w.min() >= ti.f32(-1e-5):  # neighbours overlap by a hair rather than leave a crack
+                    w = _corner_areas(screen, a, b, c, ti.cast(x, ti.f32) + half, ti.cast(y, ti.f32) + half)
+                    if area < zero:
+                        w = -w
+                    if w.min() >= hair:
+                        w /= w[0] + w[1] + w[2]
                         near = w[0] * screen[a, 2] + w[1] * screen[b, 2] + w[2] * screen[c, 2]
-                        step = ti.cast(near * ti.f32(DEPTH_STEPS - BACK_BIAS), ti.i32) + BACK_BIAS
-                        if area > zero:
-                            step -= BACK_BIAS
-                        step = ti.max(step, 0)
+                        step = ti.max(ti.cast(near * ti.cast(DEPTH_STEPS - BACK_BIAS, ti.f32), ti.i32) + lift, 0)
                         if owners == 0:
                             ti.atomic_max(depth[y, x], step)
                         elif depth[y, x] == step:
@@ -217,29 +243,28 @@ def _classify(
         state = BACKGROUND
         if depth[y, x] >= 0:
             t = owner[y, x]
-            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            w = _true_weights(screen, a, b, c, ti.cast(x, ti.f32) + ti.f32(0.5), ti.cast(y, ti.f32) + ti.f32(0.5))
-            taut_margin = w[0] * node[a, 0] + w[1] * node[b, 0] + w[2] * node[c, 0]
-            slack_margin = w[0] * node[a, 1] + w[1] * node[b, 1] + w[2] * node[c, 1]
+            w = _weights(screen, triangles, t, y, x)
+            taut_margin = _at(node, TAUT_MARGIN, triangles, t, w)
+            slack_margin = _at(node, SLACK_MARGIN, triangles, t, w)
             if slack != 0 and (slack_margin < 0 or taut + wrinkled == 0):
                 state = 2
             elif wrinkled != 0 and (taut_margin < 0 or taut == 0):
                 state = 1
             else:
                 state = 0
-            if _double_area(screen, a, b, c) > 0:
+            if _double_area(screen, triangles[t, 0], triangles[t, 1], triangles[t, 2]) > 0:
                 state += BACK_FACE
         code[y, x] = state
 
 
 @ti.func
-def _normal(screen: ti.template(), triangles: ti.template(), node: ti.template(), face_normal: ti.template(), t, w):
+def _normal(triangles: ti.template(), node: ti.template(), face_normal: ti.template(), t, w):
     """Interpolated unit normal that faces the viewer; at a crease each triangle keeps its own."""
     flat = ti.Vector([face_normal[t, 0], face_normal[t, 1], face_normal[t, 2]])
     n = flat * ti.f32(0.0)
     for k in range(3):
         i = triangles[t, k]
-        smooth = ti.Vector([node[i, 3], node[i, 4], node[i, 5]])
+        smooth = ti.Vector([node[i, NORMAL], node[i, NORMAL + 1], node[i, NORMAL + 2]])
         if smooth.dot(flat) < ti.f32(0.85):  # more than 32°
             smooth = flat
         weight = w[0]
@@ -292,13 +317,35 @@ def _line_here(depth: ti.template(), code: ti.template(), y, x, line, jump):
             slope = 0
             if 0 <= p < depth.shape[0] and 0 <= q < depth.shape[1] and depth[p, q] >= 0:
                 slope = ti.max(0, depth[p, q] - here)
-            if other < 0 or here - other - slope > jump:
+            same_side = own // BACK_FACE == code[j, i] // BACK_FACE
+            if other < 0 or here - other - slope > jump or (here >= other and not same_side):
                 kind = 2
-            elif own // BACK_FACE != code[j, i] // BACK_FACE and here >= other:
-                kind = 2
-            elif own != code[j, i] and own // BACK_FACE == code[j, i] // BACK_FACE:
+            elif own != code[j, i] and same_side:
                 kind = ti.max(kind, 1)
     return kind
+
+
+@ti.func
+def _surface_colour(
+    triangles: ti.template(), node: ti.template(), face_normal: ti.template(), palette: ti.template(),
+    ramp: ti.template(), light: ti.template(), by_scalar, darkest, t, w, code
+):  # fmt: skip
+    """State or scalar colour, lit; the inside of the surface darker and cooler."""
+    state = code % BACK_FACE
+    colour = ti.Vector([palette[state, 0], palette[state, 1], palette[state, 2]])
+    if by_scalar != 0:
+        last = ramp.shape[0] - 1
+        place = _at(node, SCALAR, triangles, t, w) * ti.cast(last, ti.f32)
+        place = ti.max(ti.f32(0.0), ti.min(ti.cast(last, ti.f32), place))
+        r = ti.min(ti.cast(place, ti.i32), last - 1)
+        for k in ti.static(range(3)):
+            colour[k] = _mix(ramp[r, k], ramp[r + 1, k], place - ti.cast(r, ti.f32))
+    if code >= BACK_FACE:
+        inside = ti.Vector([ti.f32(0.24), ti.f32(0.30), ti.f32(0.40)])
+        colour = _mix(colour * ti.f32(0.8), inside, ti.f32(0.35))
+    n = _normal(triangles, node, face_normal, t, w)
+    facing = n[0] * light[0] + n[1] * light[1] + n[2] * light[2]
+    return colour * _mix(darkest, ti.f32(1.0), ti.f32(0.5) + ti.f32(0.5) * facing)
 
 
 @ti.kernel
@@ -308,50 +355,40 @@ def _resolve(
     samples_per_radius: ti.f32, packed: I2, pixel_code: I2, direction: F3, nearness: F2,
 ):  # fmt: skip
     for y, x in ti.ndrange(packed.shape[0], packed.shape[1]):
-        radii_per_step = radii_per_nearness / ti.f32(DEPTH_STEPS)
-        jump = ti.cast(ti.f32(0.03) / radii_per_step, ti.i32)
-        total = ti.Vector([ti.f32(0.0), ti.f32(0.0), ti.f32(0.0)])
-        cos2, sin2 = ti.f32(0.0), ti.f32(0.0)
-        agreed, nearest = code[2 * y, 2 * x], -1
-        hollow = ti.f32(-1.0)  # once per pixel; it varies slowly
+        radii_per_step = radii_per_nearness / ti.cast(DEPTH_STEPS, ti.f32)
+        jump = ti.cast(ti.f32(LEAP) / radii_per_step, ti.i32)
+        white = ti.Vector([ti.f32(1.0), ti.f32(1.0), ti.f32(1.0)])
+        ink = ti.Vector([ti.f32(0.10), ti.f32(0.12), ti.f32(0.16)])
+        total, base = white * ti.f32(0.0), white
+        agreed, nearest, lit = code[2 * y, 2 * x], -1, 0
+        for k in range(1, 4):
+            if code[2 * y + k // 2, 2 * x + k % 2] != agreed:
+                agreed = BACKGROUND
+        direction[y, x, 0] = ti.f32(0.0)
+        direction[y, x, 1] = ti.f32(0.0)
         for k in range(4):
             j, i = 2 * y + k // 2, 2 * x + k % 2
             nearest = ti.max(nearest, depth[j, i])
-            if code[j, i] != agreed:
-                agreed = BACKGROUND
-            colour = ti.Vector([ti.f32(1.0), ti.f32(1.0), ti.f32(1.0)])
+            colour = white
             if depth[j, i] >= 0:
-                t = owner[j, i]
-                a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-                w = _true_weights(screen, a, b, c, ti.cast(i, ti.f32) + ti.f32(0.5), ti.cast(j, ti.f32) + ti.f32(0.5))
-                state = code[j, i] % BACK_FACE
-                colour = ti.Vector([palette[state, 0], palette[state, 1], palette[state, 2]])
-                if by_scalar != 0:
-                    value = w[0] * node[a, 2] + w[1] * node[b, 2] + w[2] * node[c, 2]
-                    last = ramp.shape[0] - 1
-                    r = ti.max(0, ti.min(last, ti.cast(value * ti.cast(last, ti.f32) + ti.f32(0.5), ti.i32)))
-                    colour = ti.Vector([ramp[r, 0], ramp[r, 1], ramp[r, 2]])
-                n = _normal(screen, triangles, node, face_normal, t, w)
-                facing = n[0] * light[0] + n[1] * light[1] + n[2] * light[2]
-                shade = _mix(darkest, ti.f32(1.0), ti.f32(0.5) + ti.f32(0.5) * facing)
-                if code[j, i] >= BACK_FACE:
-                    inside = ti.Vector([ti.f32(0.24), ti.f32(0.30), ti.f32(0.40)])
-                    colour = _mix(colour * ti.f32(0.8), inside, ti.f32(0.35))
-                if hollow < 0:
-                    hollow = _cavity(depth, taps, j, i, radii_per_step, samples_per_radius, line)
-                colour *= shade * (ti.f32(1.0) - hollow)
+                if lit == 0 or agreed == BACKGROUND:  # one shading serves a pixel whose samples show the same thing
+                    lit = 1
+                    t = owner[j, i]
+                    w = _weights(screen, triangles, t, j, i)
+                    base = _surface_colour(
+                        triangles, node, face_normal, palette, ramp, light, by_scalar, darkest, t, w, code[j, i]
+                    )
+                    base *= ti.f32(1.0) - _cavity(depth, taps, j, i, radii_per_step, samples_per_radius, line)
+                    direction[y, x, 0] = _at(node, COS_2, triangles, t, w)
+                    direction[y, x, 1] = _at(node, SIN_2, triangles, t, w)
+                colour = base
                 kind = _line_here(depth, code, j, i, line, jump)
-                ink = ti.Vector([ti.f32(0.10), ti.f32(0.12), ti.f32(0.16)])
                 if kind == 2:
                     colour = _mix(colour, ink, ti.f32(0.85))
                 elif kind == 1 and border != 0:
                     colour = _mix(colour, ink, ti.f32(0.55))
-                cos2 += w[0] * node[a, 6] + w[1] * node[b, 6] + w[2] * node[c, 6]
-                sin2 += w[0] * node[a, 7] + w[1] * node[b, 7] + w[2] * node[c, 7]
             total += colour
         level = ti.cast(total * ti.f32(0.25 * 255.0) + ti.f32(0.5), ti.i32)
         packed[y, x] = level[0] | level[1] << 8 | level[2] << 16
         pixel_code[y, x] = agreed
-        direction[y, x, 0] = cos2
-        direction[y, x, 1] = sin2
-        nearness[y, x] = ti.cast(nearest, ti.f32) / ti.f32(DEPTH_STEPS)
+        nearness[y, x] = ti.cast(nearest, ti.f32) / ti.cast(DEPTH_STEPS, ti.f32)

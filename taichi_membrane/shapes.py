@@ -52,64 +52,68 @@ def tube(
     """
     radius = check_length("tube", "radius", radius)
     length = check_length("tube", "length", length)
-    check_count("tube", "around", around, 3)
-    check_count("tube", "along", along, 1)
+    _check_wall("tube", around, along, 1, pattern)
     check_name("tube", "cap_start", cap_start, get_args(Cap))
     check_name("tube", "cap_end", cap_end, get_args(Cap))
-    check_name("tube", "pattern", pattern, get_args(WallPattern))
-    check_size("tube", 2 * around * (along + around))
 
-    phases = np.arange(along + 1) % 2 if pattern == "staggered" else np.zeros(along + 1, dtype=np.int64)
+    phases = _wall_phases(along, pattern, first=0)
     cosine, sine = _wall_directions(around, phases)
     x = np.repeat(length * np.arange(along + 1) / along, around)
-    wall = np.column_stack((x, -radius * sine, radius * cosine))
-    points = [wall]
-    triangles = [wall_triangles(around=around, along=along, pattern=pattern, first_phase=0)]
-    warp = [np.tile([1.0, 0.0, 0.0], (len(triangles[0]), 1))]
-    last = around * along
-    node_groups = {"start": np.arange(around), "end": last + np.arange(around)}
+    points = np.column_stack((x, -radius * sine, radius * cosine))
+    triangles = wall_triangles(around=around, along=along, pattern=pattern, first_phase=0)
+    warp = np.tile([1.0, 0.0, 0.0], (len(triangles), 1))
+    start = np.arange(around)
+    end = start + around * along
+    node_groups = {"start": start, "end": end}
     if along % 2 == 0:
-        node_groups["middle"] = last // 2 + np.arange(around)
-    tri_groups = {"wall": np.arange(len(triangles[0]))}
-    node_count, tri_count = len(wall), len(triangles[0])
-    for name, kind, rim, phase, x_rim, outwards in (
-        ("cap_start", cap_start, 0, 0, 0.0, -1.0),
-        ("cap_end", cap_end, last, int(phases[-1]), length, 1.0),
+        node_groups["middle"] = start + around * along // 2
+    tri_groups = {"wall": np.arange(len(triangles))}
+    for name, kind, rim, phase, outwards in (
+        ("cap_start", cap_start, start, phases[0], -1),
+        ("cap_end", cap_end, end, phases[-1], 1),
     ):
         if kind == "none":
             continue
-        cap_points, cap = _cap(kind, radius, Ring(around, phase))
-        cap_points = cap_points * (outwards, 1.0, 1.0) + (x_rim, 0.0, 0.0)
-        new = node_count - around + np.arange(len(cap_points) + around)
-        new[:around] = rim + np.arange(around)
-        cap = new[cap if outwards > 0.0 else cap[:, ::-1]]
-        points.append(cap_points)
-        triangles.append(cap)
-        node_groups[name] = new
-        if name == "cap_end":
-            node_groups["tip"] = new[-1:]
-        tri_groups[name] = tri_count + np.arange(len(cap))
-        node_count, tri_count = node_count + len(cap_points), tri_count + len(cap)
-        warp.append(cap_points[-1] - np.concatenate(points)[cap].mean(axis=1))
-    return Mesh.build(
-        np.concatenate(points), np.concatenate(triangles), node_groups, tri_groups, np.concatenate(warp), where="tube"
-    )
+        cap_points, cap = _cap(kind, radius, Ring(around, int(phase)), outwards)
+        cap_points[:, 0] += points[rim[0], 0]
+        node_groups[name] = np.concatenate((rim, len(points) + np.arange(len(cap_points))))
+        tri_groups[name] = len(triangles) + np.arange(len(cap))
+        points = np.concatenate((points, cap_points))
+        triangles = np.concatenate((triangles, node_groups[name][cap]))
+        to_pole = cap_points[-1] - points[node_groups[name][cap]].mean(axis=1)
+        warp = np.concatenate((warp, to_pole))
+    if cap_end != "none":
+        node_groups["tip"] = node_groups["cap_end"][-1:]
+    return Mesh.build(points, triangles, node_groups, tri_groups, warp, where="tube")
+
+
+def _check_wall(where: str, around: int, along: int, lowest_along: int, pattern: str) -> None:
+    check_count(where, "around", around, 3)
+    check_count(where, "along", along, lowest_along)
+    check_name(where, "pattern", pattern, get_args(WallPattern))
+    check_size(where, 2 * around * (along + around))  # a cap has fewer elements than around²
+
+
+def _wall_phases(along: int, pattern: str, *, first: int) -> NDArray[np.int64]:
+    """Return the phase of each ring of a wall, in half pitches."""
+    return (np.arange(along + 1) + first) % 2 if pattern == "staggered" else np.zeros(along + 1, dtype=np.int64)
 
 
 def _wall_directions(around: int, phases: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return cosine and sine of all nodes of successive rings with the given phases, ring after ring."""
-    both = np.array([ring_directions(Ring(around, phase)) for phase in (0, 1)])
-    directions = both[phases]
+    directions = np.array([ring_directions(Ring(around, phase)) for phase in (0, 1)])[phases]
     return directions[:, 0].ravel(), directions[:, 1].ravel()
 
 
-def _cap(kind: str, radius: float, rim: Ring) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Close a rim in the plane x = 0 towards +x: the points without the rim, pole last, and the triangles.
+def _cap(kind: str, radius: float, rim: Ring, outwards: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Close a rim in the plane x = 0 towards +x or -x: the points beyond the rim, pole last, and the triangles.
 
-    Rings follow the rim at the distance that suits its side length, and each has as many nodes as keep that side.
+    The triangles number the rim first. Rings follow it at the distance that suits its side length, and each has as
+    many nodes as keep that side.
     """
     meridian = radius * (math.pi / 2.0 if kind == "hemisphere" else 1.0)
     steps = max(1, round(meridian / (_EVEN * 2.0 * math.pi * radius / rim.count)))
+    multiple = 2 - rim.count % 2  # an even rim is followed by even rings: two planes of symmetry
     rings, points = [rim], []
     for step in range(1, steps):
         share = step / steps
@@ -117,14 +121,14 @@ def _cap(kind: str, radius: float, rim: Ring) -> tuple[NDArray[np.float64], NDAr
             ring_radius, x = math.cos(share * math.pi / 2.0), math.sin(share * math.pi / 2.0)
         else:
             ring_radius, x = 1.0 - share, 0.0
-        multiple = 2 - rim.count % 2  # an even rim is followed by even rings: two planes of symmetry
         count = max(multiple * round(rim.count * ring_radius / multiple), 3 if multiple == 1 else 4)
         rings.append(Ring(count, (rim.phase + step) % 2))
         cosine, sine = ring_directions(rings[-1])
-        points.append(np.column_stack((np.full(count, x), -ring_radius * sine, ring_radius * cosine)))
+        points.append(np.column_stack((np.full(count, outwards * x), -ring_radius * sine, ring_radius * cosine)))
     rings.append(Ring(1))
-    points.append(np.array([[1.0 if kind == "hemisphere" else 0.0, 0.0, 0.0]]))
-    return radius * np.concatenate(points), zip_stack(rings)
+    points.append(np.array([[outwards if kind == "hemisphere" else 0.0, 0.0, 0.0]]))
+    triangles = zip_stack(rings)
+    return radius * np.concatenate(points), triangles if outwards > 0 else triangles[:, ::-1]
 
 
 def arch(
@@ -148,22 +152,17 @@ def arch(
     """
     span = check_length("arch", "span", span)
     radius = check_length("arch", "radius", radius)
-    check_count("arch", "around", around, 3)
-    check_count("arch", "along", along, 2)
+    _check_wall("arch", around, along, 2, pattern)
     angle = check_length("arch", "angle", angle)
     if angle >= 360.0:
         raise InputError(f"arch: angle = {angle:g} must be below 360 degrees")
-    check_name("arch", "pattern", pattern, get_args(WallPattern))
-    check_size("arch", 2 * around * along)
     half = math.radians(angle) / 2.0
     arc_radius = span / (2.0 * math.sin(half))
     if radius >= arc_radius:
         raise InputError(f"arch: radius = {radius:g} must be below the radius of the arc, {arc_radius:g}")
 
-    staggered = pattern == "staggered"
-    first_phase = (along // 2) % 2 if staggered else 0  # the middle ring has a node on the outer side
-    phases = (np.arange(along + 1) + first_phase) % 2 if staggered else np.zeros(along + 1, dtype=np.int64)
-    cosine, sine = _wall_directions(around, phases)
+    first_phase = (along // 2) % 2  # so that the middle ring has a node on the outer side
+    cosine, sine = _wall_directions(around, _wall_phases(along, pattern, first=first_phase))
     # Counted from the crown, so that the two halves are mirror images to the last bit.
     turn = np.repeat(half * (2 * np.arange(along + 1) - along) / along, around)
     from_centre = arc_radius + radius * cosine
@@ -210,7 +209,7 @@ def _octahedron_row(row: int, divisions: int) -> NDArray[np.float64]:
     a, b = (row - step) / divisions, step / divisions
     c = np.full(len(step), (divisions - row) / divisions)
     # The sines space the nodes of the face's sides evenly along their great circles. The product widens the middle of
-    # the face: areas then differ by a factor of 1.34 (1.75 without it, 4.9 for a projection) with angles above 42°.
+    # the face: areas then differ by a factor of 1.32 (1.75 without it, 4.9 for a projection) with angles above 41.5°.
     bulge = 2.0 * a * b * c
     x, y, z = (np.sin(np.pi / 2.0 * weight) + bulge for weight in (a, b, c))
     length = np.sqrt((x**2 + y**2) + z**2)

@@ -62,7 +62,9 @@ def _seeds(zone: NDArray[np.int32], pitch: float) -> NDArray[np.float64]:
     return np.column_stack((x[inside], y[inside]))
 
 
-def _heading(direction: NDArray[np.float32], at: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
+def _heading(
+    direction: NDArray[np.float32], at: NDArray[np.float64], along: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Unit direction at pixels, of the two senses the one that goes on ``along``; zero where there is none."""
     double = direction[at[:, 1].astype(int), at[:, 0].astype(int)].astype(np.float64)
     angle = 0.5 * np.arctan2(double[:, 1], double[:, 0])

@@ -38,8 +38,8 @@ def test_closed_body_knows_its_size() -> None:
 
 
 def test_volume_far_from_the_origin_keeps_its_digits() -> None:
-    mesh = Mesh.build(TETRA_POINTS + [1e6, -2e6, 3e6], TETRA_TRIANGLES)
-    # The coordinates carry 16 digits, so lengths of 1 at 1e6 keep 1e-10; a sum about the origin keeps none (1e18 * eps).
+    mesh = Mesh.build(TETRA_POINTS + np.array([1e6, -2e6, 3e6]), TETRA_TRIANGLES)
+    # With 16 digits a length of 1 at 1e6 keeps 1e-10; a sum about the origin would keep nothing (1e18 * 1e-16).
     assert mesh.enclosed_volume() == pytest.approx(1 / 6, rel=1e-8)
 
 

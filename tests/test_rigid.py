@@ -66,21 +66,22 @@ def test_symmetry_planes_of_an_octant_hold_all() -> None:
 
 
 def test_a_screw_is_not_called_a_rotation() -> None:
-    mesh = panel(width=2.0, height=1.0, along_x=1, along_y=1)
-    # At (0, 0, 0) all is held but the turn about x; at x = 2 a node off the axis would have to move along y and z.
-    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, -1]])
-    triangles = [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
-    mesh = Mesh.build(points, triangles)
-    mask = np.zeros((5, 3), dtype=bool)
-    mask[0, 1:] = True  # (0, 0, 0): no y, z
-    mask[1, 1:] = True  # (1, 0, 0): no y, z -> leaves translation along x and rotation about x
-    assert rigid_motions_left(mesh, mask) == ["translation along x", "rotation about x through (0.5, 0, 0)"]
+    # The velocity a + a x r with a = (1, 1, 1) has no x part where y - z = 1, no y part where z - x = 1 and no z part
+    # where x - y = 1; two nodes of each kind leave that screw of pitch 1 and nothing else.
+    points = [[0.0, 1, 0], [0, 3, 2], [0, 0, 1], [2, 0, 3], [1, 0, 0], [3, 2, 0]]
+    mesh = Mesh.build(points, [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]])
+    mask = np.zeros((6, 3), dtype=bool)
+    mask[[0, 1, 2, 3, 4, 5], [0, 0, 1, 1, 2, 2]] = True
+    assert rigid_motions_left(mesh, mask) == [
+        "rotation about (0.5774, 0.5774, 0.5774) through (1, 1, 1) with an advance of 1 per radian along it"
+    ]
 
 
 def test_every_part_is_named() -> None:
     one = panel(width=1.0, height=1.0, along_x=1, along_y=1)
     mesh = Mesh.build(
-        np.concatenate((one.points, one.points + [5.0, 0, 0])), np.concatenate((one.triangles, one.triangles + 4))
+        np.concatenate((one.points, one.points + np.array([5.0, 0, 0]))),
+        np.concatenate((one.triangles, one.triangles + 4)),
     )
     mask = np.zeros((8, 3), dtype=bool)
     mask[:4] = True
