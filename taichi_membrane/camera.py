@@ -25,7 +25,7 @@ NEAREST_DEPTH = 0.05  # bounding radii; anything nearer to the viewer cannot be 
 SUPPORT_ANGLES = np.radians(np.arange(0, 360, 5))  # directions in which the outline's extent is measured
 
 # Pixels that furniture needs at 1600 x 1000: margin of the page, then width and height of the four corner boxes.
-PAGE_MARGIN = 44.0
+PAGE_MARGIN, TOP_MARGIN = 44.0, 112.0  # above: two lines of title, however long
 CORNER_BOXES = {"title": (700.0, 120.0), "legend": (420.0, 260.0), "axes": (200.0, 190.0), "scale": (360.0, 120.0)}
 
 
@@ -185,23 +185,23 @@ def _largest_view(flat: list[NDArray[np.float64]], size: tuple[int, int]) -> tup
 
     width, height = size
     unit = furniture_scale(size)
-    margin = PAGE_MARGIN * unit
-    x, y = np.meshgrid(np.linspace(margin, width - margin, 81), np.linspace(margin, height - margin, 81))
+    margin, top = PAGE_MARGIN * unit, TOP_MARGIN * unit
+    x, y = np.meshgrid(np.linspace(margin, width - margin, 81), np.linspace(top, height - margin, 81))
     spots = np.stack((x, y), axis=-1)  # trial places of the point ``inside``
     sides = (
         (0, width - margin, 1.0),
         (quarter, height - margin, 1.0),
         (2 * quarter, margin, -1.0),
-        (3 * quarter, margin, -1.0),
+        (3 * quarter, top, -1.0),
     )
     scale = np.min([sign * (limit - (y if k % (2 * quarter) else x)) / extent[k] for k, limit, sign in sides], axis=0)
     first = {"title": 2 * quarter, "legend": 3 * quarter, "axes": quarter, "scale": 0}
     for name, (box_width, box_height) in CORNER_BOXES.items():
-        left, top = name in ("title", "axes"), name in ("title", "legend")
+        at_left, at_top = name in ("title", "axes"), name in ("title", "legend")
         corner = np.array(
             (
-                box_width * unit if left else width - box_width * unit,
-                box_height * unit if top else height - box_height * unit,
+                box_width * unit if at_left else width - box_width * unit,
+                box_height * unit if at_top else height - box_height * unit,
             )
         )
         k = (first[name] + np.arange(quarter + 1)) % len(normals)

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Polygon, Rectangle
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from taichi_membrane.camera import CORNER_BOXES, PAGE_MARGIN, Camera, furniture_scale
@@ -73,6 +74,7 @@ class Page:
         self.axes: Axes = self.figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=1, facecolor="none")
         self.axes.set(xlim=(0, self.width), ylim=(self.height, 0))
         self.axes.set_axis_off()
+        self._taken: list[Bbox] = []  # text that labels must not hit, in pixels with y downwards
 
     def pixels(self) -> NDArray[np.uint8]:
         """The finished picture, (h, w, 3)."""
@@ -98,6 +100,9 @@ class Page:
             except ValueError as error:  # mathtext between dollar signs
                 raise InputError(f"{words!r} cannot be typeset: {error}") from error
             text.set_fontsize(self.points(size) * min(1.0, (room - left) / max(width, 1.0)))
+            self._taken.append(
+                Bbox(((left, y - size * self.unit), (left + min(width, room - left), y + size * self.unit)))
+            )
             y += 44.0 * self.unit
 
     def state_legend(self, shares: Sequence[float], palette: NDArray[np.float32]) -> float:
@@ -149,6 +154,7 @@ class Page:
             self.axes.plot(x, [y] * len(x), **style)  # type: ignore[arg-type]
             self.text(left + 50 * self.unit, y, words, va="center")
             y += 34.0 * self.unit
+        self._taken.append(Bbox(((left, 0.0), (self.width, y - 17.0 * self.unit))))
 
     def scale_bar(self, length_unit: str) -> None:
         """A round length in the lower right corner; in perspective it holds at the depth of the centre, and says so."""
@@ -224,16 +230,36 @@ class Page:
         ring["mfc"] = colour
         self.axes.plot(*at, "o" if towards else "x", ms=self.points(7.0 if towards else 13.0), **ring)  # type: ignore[arg-type]
 
-    def label_beside(self, at: NDArray[np.float64], words: str, *, colour: str) -> None:
-        """Text to the right of a point, or to its left where the page ends, on a pale ground."""
-        gap = 16.0 * self.unit
-        text = self.text(at[0] + gap, at[1], words, colour=colour, va="center", zorder=7)
+    def label_beyond(
+        self, places: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], words: str, *, colour: str
+    ) -> int:
+        """Text at the free end of an arrow; returns the number of the place taken.
+
+        ``places`` are alternative positions (free end, loaded end) in order of preference. Taken is the first where the text,
+        beyond the end or beside it, is on the page and clear of all other text; if there is none, the first.
+        """
+        text = self.text(0.0, 0.0, words, colour=colour, ha="center", va="center", zorder=7)
         text.set_path_effects([effects.withStroke(linewidth=self.points(4.0), foreground="white")])
         extent = text.get_window_extent(self.canvas.get_renderer())
-        if extent.x1 > self.width - gap:
-            text.set(x=at[0] - gap, ha="right")
-        half = 0.5 * extent.height
-        text.set(y=float(np.clip(at[1], half, self.height - half)))
+        half = 0.5 * np.array((extent.width, extent.height)) + 10.0 * self.unit
+        page = np.array((self.width, self.height), np.float64)
+        first = None
+        for number, (free, loaded) in enumerate(places):
+            outwards = free - loaded
+            way = outwards / np.hypot(*outwards) if np.any(outwards) else np.array((0.0, -1.6))
+            for shift in (way * np.min(half / np.abs(way).clip(1e-9)), (half[0], 0.0), (-half[0], 0.0)):
+                spot = free + shift
+                inside = np.clip(spot, half, page - half)
+                first = inside if first is None else first
+                box = Bbox((inside - half, inside + half))
+                if np.array_equal(inside, spot) and not any(box.overlaps(other) for other in self._taken):
+                    return self._place(text, inside, box, number)
+        return self._place(text, first, Bbox((first - half, first + half)), 0)
+
+    def _place(self, text: Text, at: NDArray[np.float64], box: Bbox, number: int) -> int:
+        text.set_position((float(at[0]), float(at[1])))
+        self._taken.append(box)
+        return number
 
     def _legend_left(self) -> float:
         return self.width - (CORNER_BOXES["legend"][0] - 18.0) * self.unit

@@ -224,7 +224,7 @@ def as_warp(directions: ArrayLike, area_vector: NDArray[np.float64], where: str)
     normal = area_vector / np.linalg.norm(area_vector, axis=1, keepdims=True)
     in_plane = array - (array * normal).sum(axis=1, keepdims=True) * normal
     length = np.linalg.norm(in_plane, axis=1)
-    bad = np.flatnonzero(~(length > STEEPEST_WARP * np.linalg.norm(array, axis=1)) | ~np.isfinite(length))
+    bad = np.flatnonzero(~(length > STEEPEST_WARP * np.linalg.norm(array, axis=1)))
     if bad.size:
         t = bad[0]
         raise InputError(

@@ -5,7 +5,7 @@ module-level functions of arrays, so that another picture size or another mesh c
 Kernels need real annotations, hence no postponed evaluation here; literals are cast because the default type may be f64.
 """
 
-# mypy: disable-error-code="valid-type, no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, valid-type"
 
 import functools
 from dataclasses import dataclass
@@ -16,7 +16,10 @@ import taichi as ti
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # a checker sees no types in calls
-    F1 = F2 = F3 = I2 = Any
+    F1 = Any
+    F2 = Any
+    F3 = Any
+    I2 = Any
 else:
     F1, F2, F3 = (ti.types.ndarray(dtype=ti.f32, ndim=n) for n in (1, 2, 3))
     I2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
@@ -211,16 +214,22 @@ def _scatter(screen: F2, triangles: I2, strips: ti.i32, owners: ti.i32, depth: I
             lift = BACK_BIAS
         if ti.abs(area) > ti.f32(1e-9):
             for y in range(ti.max(y0, 0), y1):
+                entered = 0
                 for x in range(ti.max(x0, 0), x1):
                     w = _corner_areas(screen, a, b, c, ti.cast(x, ti.f32) + half, ti.cast(y, ti.f32) + half)
                     if area < zero:
                         w = -w
-                    if w.min() >= hair:
+                    if w.min() < hair:
+                        if entered == 1:
+                            break
+                    else:
+                        entered = 1
                         w /= w[0] + w[1] + w[2]
                         near = w[0] * screen[a, 2] + w[1] * screen[b, 2] + w[2] * screen[c, 2]
                         step = ti.max(ti.cast(near * ti.cast(DEPTH_STEPS - BACK_BIAS, ti.f32), ti.i32) + lift, 0)
                         if owners == 0:
-                            ti.atomic_max(depth[y, x], step)
+                            if step > depth[y, x]:
+                                ti.atomic_max(depth[y, x], step)
                         elif depth[y, x] == step:
                             ti.atomic_min(owner[y, x], t)
 

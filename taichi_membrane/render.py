@@ -98,13 +98,13 @@ def draw_frame(frame: Frame, *, look: Look, camera: Camera, path: Path) -> None:
     target.cover(surface.screen, surface.triangles)
     pixels = target.shade(surface, _paint(look, shares, scale, camera))
     page = Page(pixels.colour, camera)
-    _draw_over_surface(page, frame, look, camera, pixels, scale, screen, outline)
     page.title(frame.title, frame.subtitle)
     below = page.state_legend(shares, PALETTE) if bar is None else page.colour_bar(bar)
     page.line_legend(below, _legend_rows(page, frame, look, shares))
     page.scale_bar(frame.length_unit)
     if look.show_axes:
         page.axis_triad()
+    _draw_over_surface(page, frame, look, camera, pixels, scale, screen, outline)
     _write_png(page.pixels(), path)
 
 
@@ -207,12 +207,24 @@ def _surface(frame: Frame, camera: Camera, screen: NDArray[np.float32], level: F
         return np.bincount(corners, weights=np.repeat(values, 3), minlength=count).astype(np.float64, copy=False)
 
     total = node_sum(weight).clip(1e-300)
+
+    following = (np.roll(triangles, -1, axis=1) - np.roll(triangles, 1, axis=1)).ravel()
+    rim = np.bincount(corners, weights=following, minlength=count) != 0  # the node numbers around an inner node cancel
+
+    def node_mean(values: Floats) -> Floats:
+        """Mean; a node of a rim has elements on one side only, so that its mean would shift borders: what it misses is added."""
+        mean = node_sum(weight * values) / total
+        for _ in range(2 if rim.any() else 0):
+            missing = node_sum(weight * (values - mean[triangles].mean(axis=1))) / total
+            mean[rim] += missing[rim]
+        return mean
+
     node = np.zeros((count, 8), np.float32)
     for column, margin in ((raster.TAUT_MARGIN, frame.taut_margin), (raster.SLACK_MARGIN, frame.slack_margin)):
-        mean = node_sum(weight * margin) / total
+        mean = node_mean(margin)
         node[:, column] = mean / (np.abs(mean).max() or 1.0)  # whatever its unit, within single precision
     if level is not None:
-        node[:, raster.SCALAR] = node_sum(weight * level) / total if len(level) == len(triangles) else level
+        node[:, raster.SCALAR] = node_mean(level) if len(level) == len(triangles) else level
     node[:, raster.NORMAL : raster.NORMAL + 3] = _unit(np.stack([node_sum(part) for part in vectors])).T
     cos_2, sin_2 = _screen_direction(frame, camera)
     node[:, raster.COS_2], node[:, raster.SIN_2] = (node_sum(weight * part) / total for part in (cos_2, sin_2))
@@ -221,13 +233,18 @@ def _surface(frame: Frame, camera: Camera, screen: NDArray[np.float32], level: F
 
 
 def _screen_direction(frame: Frame, camera: Camera) -> Floats:
-    """Wrinkle direction of each element as seen: cos 2θ, sin 2θ times its squared projected length (2, m); zero where slack.
+    """Wrinkle direction as seen: cos 2θ, sin 2θ times its squared projected length (2, m), in and beside the wrinkled zone.
 
     Doubling the angle makes a direction and its opposite the same, so that the values can be averaged.
     """
-    a, b, c = (frame.points[frame.triangles[:, k]] for k in range(3))
-    x, y = camera.seen_direction((a + b + c) / 3.0, _unit(frame.wrinkle_direction.T).T).T
-    return np.stack((x * x - y * y, 2.0 * x * y)) * (frame.state != SLACK)
+    near = np.zeros(len(frame.points), bool)
+    near[frame.triangles[frame.state == WRINKLED]] = True
+    used = np.flatnonzero(near[frame.triangles].any(axis=1) & (frame.state != SLACK))
+    a, b, c = (frame.points[frame.triangles[used, k]] for k in range(3))
+    x, y = camera.seen_direction((a + b + c) / 3.0, _unit(frame.wrinkle_direction[used].T).T).T
+    doubled = np.zeros((2, len(frame.triangles)))
+    doubled[:, used] = x * x - y * y, 2.0 * x * y
+    return doubled
 
 
 def _scalar_levels(frame: Frame, look: Look) -> tuple[ColourBar | None, Floats | None]:
@@ -282,13 +299,18 @@ def _draw_over_surface(
             zone, pixels.direction, pixels.nearness, spacing=18.0 * page.unit, longest=160.0 * page.unit,
             clearance=max(2, round(3 * page.unit)), jump=raster.LEAP / scale.radii,
         )  # fmt: skip
-        middles = [line[len(line) // 2].astype(int) for line in lines]
-        dark = [int(pixels.colour[y, x].max()) < 140 for x, y in middles]
+        dark = [_brightness(pixels.colour, line) < 85.0 for line in lines]
         page.lines(lines, colours=["white" if d else INK for d in dark], width=1.8, capstyle="butt")
     if look.show_supports and len(frame.supports):
         _draw_supports(page, frame, pixels, scale, screen)
     if look.show_loads:
         _draw_loads(page, frame, camera, pixels)
+
+
+def _brightness(colour: NDArray[np.uint8], line: Floats) -> float:
+    """Mean luma (0..255) under a polyline."""
+    x, y = line.astype(int).T
+    return float((colour[y, x] @ np.array((0.30, 0.59, 0.11))).mean())
 
 
 def _draw_supports(page: Page, frame: Frame, pixels: raster.Pixels, scale: _DepthScale, screen: Floats) -> None:
@@ -324,16 +346,18 @@ def _draw_loads(page: Page, frame: Frame, camera: Camera, pixels: raster.Pixels)
         at = camera.project(np.asarray(origin, dtype=np.float64)[None])[0, :2]
         along = camera.axes[:2] @ np.asarray(direction, dtype=np.float64) * (1.0, -1.0)
         along *= length / max(float(np.linalg.norm(direction)), 1e-300)
-        if np.hypot(*along) < 0.2 * length:
+        end_on = np.hypot(*along) < 0.2 * length
+        if end_on:
             page.arrow_end_on(at, towards=float(camera.axes[2] @ direction) > 0.0, colour=LOAD)
             ends = [(at, at)]
         else:
             ends = sorted(((at, at + along), (at - along, at)), key=lambda pair: _covered(pixels, *pair))
-            page.arrow(*ends[0], colour=LOAD, width=3.4, head=16.0)
-        if label and label not in labelled:
-            labelled.add(label)
-            free = ends[0][0] if ends[0][1] is at else ends[0][1]
-            page.label_beside(free, label, colour=LOAD)
+        wanted = label if label not in labelled else ""
+        labelled.add(label)
+        places = [(free, loaded) for free, loaded in ((b, a) if a is at else (a, b) for a, b in ends)]
+        chosen = page.label_beyond(places, wanted, colour=LOAD)
+        if not end_on:
+            page.arrow(*ends[chosen], colour=LOAD, width=3.4, head=16.0)
 
 
 def _covered(pixels: raster.Pixels, tail: Floats, tip: Floats) -> int:

@@ -47,10 +47,9 @@ def _motions(points: NDArray[np.float64], fixed: NDArray[np.bool_]) -> list[str]
     free = _null_space(_held_modes((points[held] - origin) / size, fixed[held]))
     translations = free @ _null_space(free[3:])
     told = [f"translation along {_direction(t)}" for t in _readable_basis(translations[:3])]
-    # What is left turns; its translation part is made as small as the free translations allow.
-    turning = free - translations @ (translations.T @ free)
-    for axis in _readable_basis(_column_space(turning[3:])):
-        motion = turning @ np.linalg.lstsq(turning[3:], axis, rcond=RANK_TOLERANCE)[0]
+    for axis in _readable_basis(free[3:]):
+        # The least motion with this rotation: it holds no part of the free translations.
+        motion = free @ np.linalg.lstsq(free[3:], axis, rcond=RANK_TOLERANCE)[0]
         told.append(_rotation(motion[:3] * size, axis, origin, size))
     return told
 

@@ -38,7 +38,8 @@ def test_closed_body_knows_its_size() -> None:
 
 
 def test_volume_far_from_the_origin_keeps_its_digits() -> None:
-    mesh = Mesh.build(TETRA_POINTS + np.array([1e6, -2e6, 3e6]), TETRA_TRIANGLES)
+    turned = TETRA_POINTS @ np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+    mesh = Mesh.build(turned + np.array([1e6, -2e6, 3e6]) / 3, TETRA_TRIANGLES)
     # With 16 digits a length of 1 at 1e6 keeps 1e-10; a sum about the origin would keep nothing (1e18 * 1e-16).
     assert mesh.enclosed_volume() == pytest.approx(1 / 6, rel=1e-8)
 
@@ -120,6 +121,11 @@ TWO_TETRAS = np.concatenate((TETRA_TRIANGLES, TETRA_TRIANGLES[:, ::-1] + 4))
             np.concatenate((TETRA_POINTS, TETRA_POINTS + 3.0)),
             TWO_TETRAS,
             "body with node 4, one of 1 such bodies, is inside out",
+        ),
+        (
+            np.concatenate((TETRA_POINTS * 10.0 - 2.0, TETRA_POINTS)),
+            np.concatenate((TETRA_TRIANGLES[:, ::-1], TETRA_TRIANGLES[:, ::-1] + 4)),
+            "body with node 0, one of 2 such bodies, is inside out",
         ),
     ],
 )

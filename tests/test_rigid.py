@@ -55,8 +55,18 @@ def test_supports_that_guide() -> None:
         "translation along y",
         "rotation about z through (1, 1, 0)",
     ]
+    # No x part at (0, 0) and no y part at (2, 2): the turning point has the y of the one and the x of the other.
+    off_centre = fixed(mesh, ("all", "z"), ("corner_00", "x"), ("corner_11", "y"))
+    assert rigid_motions_left(mesh, off_centre) == ["rotation about z through (2, 0, 0)"]
     # Held against z, and against y on the edge y = 0: the panel may slide along x and nothing else.
     assert rigid_motions_left(mesh, fixed(mesh, ("all", "z"), ("y_min", "y"))) == ["translation along x"]
+
+
+def test_a_small_clamped_patch_holds_all() -> None:
+    mesh = panel(width=1.0, height=1.0, along_x=100, along_y=100)
+    mask = np.zeros((mesh.node_count, 3), dtype=bool)
+    mask[mesh.triangles[0]] = True
+    assert rigid_motions_left(mesh, mask) == []
 
 
 def test_symmetry_planes_of_an_octant_hold_all() -> None:

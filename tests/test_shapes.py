@@ -149,6 +149,12 @@ def test_staggered_rings_are_turned_half_a_pitch() -> None:
     straight = tube(radius=1, length=3, around=12, along=3, cap_end="none", pattern="diagonal")
     assert (straight.points[:, 1:].reshape(4, 12, 2) == straight.points[:12, 1:]).all()
     assert mesh.tri_count == straight.tri_count == 72
+    # The first ring of a fine hemisphere has as many nodes as the rim and goes on with the turning.
+    fine = tube(radius=1, length=3, around=64, along=3)
+    first = fine.points[fine.node_groups["cap_end"]][64:128]
+    assert np.ptp(first[:, 0]) == 0.0
+    angle = np.degrees(np.arctan2(-first[:, 1], first[:, 2])) % (360 / 64)
+    assert np.minimum(angle, 360 / 64 - angle) == pytest.approx(0, abs=1e-10)
 
 
 def test_warp_runs_along_the_axis_and_towards_the_pole() -> None:
