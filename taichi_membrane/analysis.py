@@ -64,7 +64,7 @@ class Analysis:
     def steps(self, progress: ProgressCallback | None = None) -> Iterator[StepResult]:
         """Yield each load step as it is done; stop after the first that does not converge."""
         scene = self.model.scene
-        state = _LoadState({name: 0.0 for name in scene.pressures}, {name: 0.0 for name in scene.loads})
+        state = _LoadState(dict.fromkeys(scene.pressures, 0.0), dict.fromkeys(scene.loads, 0.0))
         number = 0
         for stage in scene.stages:
             start, target = state, _stage_target(state, stage)
@@ -132,7 +132,7 @@ class Analysis:
 
     def _stage_targets(self) -> list[_LoadState]:
         scene = self.model.scene
-        state = _LoadState({name: 0.0 for name in scene.pressures}, {name: 0.0 for name in scene.loads})
+        state = _LoadState(dict.fromkeys(scene.pressures, 0.0), dict.fromkeys(scene.loads, 0.0))
         targets = []
         for stage in scene.stages:
             state = _stage_target(state, stage)

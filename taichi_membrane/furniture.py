@@ -243,23 +243,24 @@ class Page:
         extent = text.get_window_extent(self.canvas.get_renderer())
         half = 0.5 * np.array((extent.width, extent.height)) + 10.0 * self.unit
         page = np.array((self.width, self.height), np.float64)
-        first = None
+        options: list[tuple[int, NDArray[np.float64]]] = []
         for number, (free, loaded) in enumerate(places):
             outwards = free - loaded
             way = outwards / np.hypot(*outwards) if np.any(outwards) else np.array((0.0, -1.6))
-            for shift in (way * np.min(half / np.abs(way).clip(1e-9)), (half[0], 0.0), (-half[0], 0.0)):
-                spot = free + shift
-                inside = np.clip(spot, half, page - half)
-                first = inside if first is None else first
-                box = Bbox((inside - half, inside + half))
-                if np.array_equal(inside, spot) and not any(box.overlaps(other) for other in self._taken):
-                    return self._place(text, inside, box, number)
-        return self._place(text, first, Bbox((first - half, first + half)), 0)
-
-    def _place(self, text: Text, at: NDArray[np.float64], box: Bbox, number: int) -> int:
-        text.set_position((float(at[0]), float(at[1])))
-        self._taken.append(box)
+            beyond = way * np.min(half / np.abs(way).clip(1e-9))
+            options += [
+                (number, free + shift) for shift in (beyond, np.array((half[0], 0.0)), np.array((-half[0], 0.0)))
+            ]
+        number, spot = next((option for option in options if self._is_free(option[1], half)), options[0])
+        spot = np.clip(spot, half, page - half)
+        text.set_position((float(spot[0]), float(spot[1])))
+        self._taken.append(Bbox((spot - half, spot + half)))
         return number
+
+    def _is_free(self, spot: NDArray[np.float64], half: NDArray[np.float64]) -> bool:
+        low, high = spot - half, spot + half
+        on_page = low.min() >= 0.0 and high[0] <= self.width and high[1] <= self.height
+        return bool(on_page) and not any(Bbox((low, high)).overlaps(other) for other in self._taken)
 
     def _legend_left(self) -> float:
         return self.width - (CORNER_BOXES["legend"][0] - 18.0) * self.unit

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane import element, fabric, preparation, runtime
 from taichi_membrane.names import TAUT
-from taichi_membrane.preparation import Features, Floats, Ints, Structure
+from taichi_membrane.preparation import Features, Floats, Structure
 
 # Sums run over this many fixed blocks, each added in order: the same bits whatever thread takes which block.
 _CPU_BLOCKS = 128
@@ -140,6 +140,10 @@ class Membrane:
         if self.features.loads:
             self.node_load.from_numpy(np.ascontiguousarray(loads, dtype=self.dtype))
 
+    def bytes_allocated(self) -> int:
+        """Memory of this membrane's fields."""
+        return sum(_field_bytes(one) for one in vars(self).values() if isinstance(one, ti.Field))
+
     def prestress_norm(self) -> float:
         """Size of the nodal forces that prestress balances, a scale for residuals where no load acts."""
         level = np.array([np.linalg.norm(one.prestress) * one.thickness for one in self.structure.fabrics])
@@ -168,24 +172,27 @@ class Membrane:
         return pressure
 
     @ti.func
-    def rest_side(self, nodes, a: ti.template()):
-        """Vector of side ``a`` at rest."""
-        return self.node_rest[nodes[(a + 2) % 3]] - self.node_rest[nodes[(a + 1) % 3]]
-
-    @ti.func
-    def side_stretch(self, nodes, a: ti.template()):
-        """Difference of the displacements of side ``a``'s ends."""
-        return self.node_displacement[nodes[(a + 2) % 3]] - self.node_displacement[nodes[(a + 1) % 3]]
-
-    @ti.func
-    def strain_and_sides(self, t, k, variant: ti.template()):
-        """Strain in fabric axes (eq. 7) with the offset that stands for prestress, side lengths, force-density factors."""
+    def sides(self, t):
+        """Vectors of the three sides at rest, and the differences of their ends' displacements; rows of two matrices."""
         nodes = self.tri_node[t]
+        x_0, x_1, x_2 = self.node_rest[nodes[0]], self.node_rest[nodes[1]], self.node_rest[nodes[2]]
+        u_0, u_1, u_2 = (
+            self.node_displacement[nodes[0]],
+            self.node_displacement[nodes[1]],
+            self.node_displacement[nodes[2]],
+        )
+        rest = ti.Matrix.rows([x_2 - x_1, x_0 - x_2, x_1 - x_0])
+        stretch = ti.Matrix.rows([u_2 - u_1, u_0 - u_2, u_1 - u_0])
+        return rest, stretch
+
+    @ti.func
+    def strain_and_sides(self, t, k, rest, stretch, variant: ti.template()):
+        """Strain in fabric axes (eq. 7) with the offset that stands for prestress, side lengths, force-density factors."""
         rest_length = self.tri_side_length[t]
         extension, length, factor = 0.0 * rest_length, 0.0 * rest_length, 0.0 * rest_length
         for a in ti.static(range(3)):
             extension[a], length[a], factor[a] = element.side_extension(
-                self.rest_side(nodes, a), self.side_stretch(nodes, a), rest_length[a], variant.green
+                rest[a, :], stretch[a, :], rest_length[a], variant.green
             )
         strain = self.tri_strain_matrix[t] @ extension
         if ti.static(self.features.prestress):
@@ -193,19 +200,19 @@ class Membrane:
         return strain, length, factor
 
     @ti.func
-    def natural_forces(self, t, k, variant: ti.template()):
+    def natural_forces(self, t, k, rest, stretch, variant: ti.template()):
         """Side forces T = V Gᵀ σ (eq. 12), present side lengths and force-density factors of triangle ``t``."""
-        strain, length, factor = self.strain_and_sides(t, k, variant)
+        strain, length, factor = self.strain_and_sides(t, k, rest, stretch, variant)
         stress, _, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
         return self.tri_volume[t] * (self.tri_strain_matrix[t].transpose() @ stress), length, factor
 
     @ti.func
-    def force_densities(self, t, k):
+    def force_densities(self, t, k, rest, stretch):
         """Force over length of the three sides of triangle ``t``, by the element code its fabric needs."""
         density = ti.Vector.zero(self.fp, 3)
         for number in ti.static(range(len(self.features.variants))):
             if self.has_variant(k, number):
-                side_force, _, factor = self.natural_forces(t, k, self.features.variants[number])
+                side_force, _, factor = self.natural_forces(t, k, rest, stretch, self.features.variants[number])
                 density = side_force * factor
         return density
 
@@ -220,11 +227,9 @@ class Membrane:
     @ti.func
     def store_corner_forces(self, t):
         """Forces of triangle ``t`` on its corners: natural side forces and follower pressure, at the present place."""
-        nodes = self.tri_node[t]
-        density = self.force_densities(t, self.fabric_number(t))
-        side_0 = self.rest_side(nodes, 0) + self.side_stretch(nodes, 0)
-        side_1 = self.rest_side(nodes, 1) + self.side_stretch(nodes, 1)
-        side_2 = self.rest_side(nodes, 2) + self.side_stretch(nodes, 2)
+        rest, stretch = self.sides(t)
+        density = self.force_densities(t, self.fabric_number(t), rest, stretch)
+        side_0, side_1, side_2 = rest[0, :] + stretch[0, :], rest[1, :] + stretch[1, :], rest[2, :] + stretch[2, :]
         pull_0, pull_1, pull_2 = density[0] * side_0, density[1] * side_1, density[2] * side_2
         force_0, force_1, force_2 = pull_2 - pull_1, pull_0 - pull_2, pull_1 - pull_0
         if ti.static(self.features.pressure != "none"):
@@ -262,7 +267,8 @@ class Membrane:
         f = self.fabric_constants[k]
         matrix = self.tri_strain_matrix[t]
         rest_length = self.tri_side_length[t]
-        side_force, length, _ = self.natural_forces(t, k, variant)
+        rest, stretch = self.sides(t)
+        side_force, length, _ = self.natural_forces(t, k, rest, stretch, variant)
         bound = 0.0 * rest_length
         for a in ti.static(range(3)):
             column = fabric.elastic_stress(ti.Vector([matrix[0, a], matrix[1, a], matrix[2, a]]), f)
@@ -303,7 +309,8 @@ class Membrane:
     @ti.func
     def energy_density(self, t, k, variant: ti.template()):
         """Strain energy per volume of triangle ``t``."""
-        strain, _, _ = self.strain_and_sides(t, k, variant)
+        rest, stretch = self.sides(t)
+        strain, _, _ = self.strain_and_sides(t, k, rest, stretch, variant)
         _, density, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
         return density
 
@@ -317,19 +324,21 @@ class Membrane:
                 density = self.energy_density(t, k, self.features.variants[number])
         work = ti.cast(0.0, self.fp)
         if ti.static(self.features.pressure != "none"):
-            work = self.pressure_on(t) * self.swept_by(self.tri_node[t])
+            work = self.pressure_on(t) * self.swept_by(t)
         return ti.Vector([self.tri_volume[t] * density, work])
 
     @ti.func
-    def swept_by(self, nodes):
+    def swept_by(self, t):
         """Volume swept by a triangle since rest."""
+        nodes = self.tri_node[t]
+        rest, stretch = self.sides(t)
         total = self.node_displacement[nodes[0]] + self.node_displacement[nodes[1]] + self.node_displacement[nodes[2]]
         return element.swept_volume(
             total / 3.0,
-            self.rest_side(nodes, 1),
-            self.rest_side(nodes, 2),
-            self.side_stretch(nodes, 1),
-            self.side_stretch(nodes, 2),
+            rest[1, :],
+            rest[2, :],
+            stretch[1, :],
+            stretch[2, :],
         )
 
     @ti.kernel
@@ -360,7 +369,8 @@ class Membrane:
     def state_of(self, t, k, variant: ti.template()):
         """Strain, stress, state and the three scalars of :class:`ElementState` of triangle ``t``."""
         f = self.fabric_constants[k]
-        strain, _, _ = self.strain_and_sides(t, k, variant)
+        rest, stretch = self.sides(t)
+        strain, _, _ = self.strain_and_sides(t, k, rest, stretch, variant)
         stress, _, state = fabric.response(strain, f, variant.law, variant.orthotropic)
         trial = fabric.elastic_stress(strain, f)
         folds = fabric.fold_strain(strain, stress, f)
@@ -412,3 +422,10 @@ def _variant_number(features: Features, one: preparation.FabricConstants) -> int
     variant = preparation.variant_of(one)
     return features.variants.index(variant) if variant in features.variants else 0
 
+
+def _field_bytes(one: Any) -> int:
+    """Bytes of a field's values: a matrix field has n · m of them at each place, a record as many as it has members."""
+    if isinstance(one, ti.StructField):
+        return sum(_field_bytes(member) for member in one._members)
+    width = np.dtype(ti.lang.util.to_numpy_type(one.dtype)).itemsize
+    return int(np.prod(one.shape)) * width * (one.n * one.m if isinstance(one, ti.MatrixField) else 1)

@@ -365,7 +365,7 @@ def _resolve(
 ):  # fmt: skip
     for y, x in ti.ndrange(packed.shape[0], packed.shape[1]):
         radii_per_step = radii_per_nearness / ti.cast(DEPTH_STEPS, ti.f32)
-        jump = ti.cast(ti.f32(LEAP) / radii_per_step, ti.i32)
+        jump = ti.cast(ti.min(ti.f32(LEAP) / radii_per_step, ti.f32(1e9)), ti.i32)  # on a flat sheet beyond any step
         white = ti.Vector([ti.f32(1.0), ti.f32(1.0), ti.f32(1.0)])
         ink = ti.Vector([ti.f32(0.10), ti.f32(0.12), ti.f32(0.16)])
         total, base = white * ti.f32(0.0), white

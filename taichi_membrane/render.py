@@ -120,7 +120,8 @@ class _DepthScale:
     def of(cls, screen: Floats, camera: Camera) -> _DepthScale:
         perspective = camera.projection == "perspective"
         near = 1.0 / screen[:, 2] if perspective else -screen[:, 2]
-        span = max(float(np.ptp(near)), 1e-3 / VIEWER_DISTANCE**2)  # a sheet seen face on has no depth of its own
+        least = 1e-3 / (VIEWER_DISTANCE**2 if perspective else 1.0)  # a sheet seen face on has no depth of its own
+        span = max(float(np.ptp(near)), least)
         return cls(low=float(near.min()), span=span, perspective=perspective)
 
     @property
@@ -214,7 +215,7 @@ def _surface(frame: Frame, camera: Camera, screen: NDArray[np.float32], level: F
     def node_mean(values: Floats) -> Floats:
         """Mean; a node of a rim has elements on one side only, so that its mean would shift borders: what it misses is added."""
         mean = node_sum(weight * values) / total
-        for _ in range(2 if rim.any() else 0):
+        for _ in range(5):
             missing = node_sum(weight * (values - mean[triangles].mean(axis=1))) / total
             mean[rim] += missing[rim]
         return mean

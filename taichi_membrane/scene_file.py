@@ -112,7 +112,9 @@ def _override(path: Path, data: dict[str, Any], text: str) -> None:
         if not isinstance(place, dict | list):
             held = shown(place)
             raise InputError(f"{path} with {text}: {'.'.join(parts[:depth])} is {held}, neither a table nor a list")
-        at: Any = _index(place, part, f"{path} with {text}: {'.'.join(parts[:depth])}") if isinstance(place, list) else part
+        at: Any = (
+            _index(place, part, f"{path} with {text}: {'.'.join(parts[:depth])}") if isinstance(place, list) else part
+        )
         if depth == len(parts) - 1:
             place[at] = _value(value)
         else:

@@ -1,0 +1,243 @@
+"""What the command line prints about a scene and about a run: tables that fit the width, and lists."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from taichi_membrane.model import Model
+from taichi_membrane.output import load_unit, probe_unit
+from taichi_membrane.results import CheckResult, RunResult, StepResult
+from taichi_membrane.scene import Fabric, Scene, Stage
+
+_GAP = 2  # blanks between columns
+_ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
+
+Column = tuple[str, list[str]]
+
+
+def print_run(console: Console, result: RunResult) -> None:
+    """Print the load steps, the checks, times and files of a run."""
+    _print_steps(console, result)
+    print_failed_steps(console, result)
+    if result.checks:
+        console.print()
+        _print_table(console, check_columns(result.scene, result.checks))
+        print_failed_checks(console, result)
+        held = sum(check.passed for check in result.checks)
+        console.print(f"{held} of {len(result.checks)} checks hold", highlight=False)
+    console.print()
+    spent = ", ".join(f"{phase} {seconds:.1f} s" for phase, seconds in result.seconds.items())
+    real = result.provenance
+    threads = f", {real['threads']} threads" if real["threads"] else ""
+    _print_wrapped(console, "time", f"{spent} ({real['arch']}, {real['precision']}{threads})")
+    if result.directory is not None:
+        print_files(console, result.directory, result.files)
+
+
+def print_failed_steps(console: Console, result: RunResult) -> None:
+    """Print each load step that is no equilibrium, and why."""
+    counts = {stage.name: stage.steps for stage in result.scene.stages}
+    for step in result.steps:
+        if not step.converged:
+            where = f"load step {step.number} ({step.stage} {step.stage_step}/{counts[step.stage]})"
+            _print_plain(console, f"NOT CONVERGED: {where}: {step.reason}", style="bold red")
+
+
+def print_failed_checks(console: Console, result: RunResult) -> None:
+    """Print each check that does not hold, with the source of its reference."""
+    for check in result.checks:
+        if not check.passed:
+            where = f"{check.probe} at {check.stage} {check.step}"
+            unit = probe_unit(result.scene, check.probe)
+            found = "not reached" if check.value is None else f"{_with_unit(check.value, unit)} (error {_error(check)})"
+            wanted = f"{_with_unit(check.reference, unit)} within {_tolerance(check)}"
+            _print_plain(
+                console, f"CHECK FAILS: {where}: {found}, reference {wanted}: {check.source}", style="bold red"
+            )
+
+
+def print_files(console: Console, directory: Path, files: Iterable[Path]) -> None:
+    """Name the files that were written, numbered ones as a range."""
+    _print_wrapped(console, f"wrote {directory}:", ", ".join(ranges([path.name for path in files])))
+
+
+def ranges(names: Sequence[str]) -> list[str]:
+    """Join names that differ in their number alone: ``step_0000.vtu … step_0006.vtu``; the order is that of the first of each."""
+
+    def pattern(name: str) -> str:
+        return re.sub(r"\d+", "#", name)
+
+    order = {kind: number for number, kind in reversed(list(enumerate(map(pattern, names))))}
+    grouped = groupby(sorted(names, key=lambda name: order[pattern(name)]), key=pattern)
+    members = [list(group) for _, group in grouped]
+    return [group[0] if len(group) == 1 else f"{group[0]} … {group[-1]}" for group in members]
+
+
+def check_columns(scene: Scene, checks: Sequence[CheckResult]) -> list[Column]:
+    """The table of checks: value, reference, error, tolerance, verdict."""
+    return [
+        ("check", [check.probe for check in checks]),
+        ("at", [f"{check.stage} {check.step}" for check in checks]),
+        ("value", ["not reached" if check.value is None else f"{check.value:.6g}" for check in checks]),
+        ("reference", [_with_unit(check.reference, probe_unit(scene, check.probe)) for check in checks]),
+        ("error", [_error(check) for check in checks]),
+        ("tolerance", [_tolerance(check) for check in checks]),
+        ("", ["pass" if check.passed else "FAIL" for check in checks]),
+    ]
+
+
+def _error(check: CheckResult) -> str:
+    if check.error is None:
+        return "-"
+    return f"{100 * check.error:+.2g} %" if check.relative else f"{check.error:+.3g}"
+
+
+def _tolerance(check: CheckResult) -> str:
+    return f"{100 * check.tolerance:.3g} %" if check.relative else f"{check.tolerance:.3g}"
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value:.6g} {unit}".rstrip()
+
+
+def _print_steps(console: Console, result: RunResult) -> None:
+    """The columns every reader needs, and of the others as many as fit the width."""
+    chosen, left_out = fitting(*step_columns(result.scene, result.steps), console.width)
+    _print_table(console, chosen)
+    if left_out:
+        place = "" if result.directory is None else "; history.csv has them"
+        _print_wrapped(console, "not shown:", f"{', '.join(left_out)}{place}")
+
+
+def step_columns(scene: Scene, steps: Sequence[StepResult]) -> tuple[list[Column], list[Column], list[Column]]:
+    """Columns that begin the table of load steps, those shown where there is room for them, and those that end it."""
+    counts = {stage.name: stage.steps for stage in scene.stages}
+    first: list[Column] = [
+        ("step", [str(step.number) for step in steps]),
+        ("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
+    ]
+    optional = [
+        *(_column(name, scene.units.stress, [step.pressures[name] for step in steps]) for name in scene.pressures),
+        *(_column(name, load_unit(scene, name), [step.loads[name] for step in steps]) for name in scene.loads),
+        *(_column(name, probe_unit(scene, name), [step.probes[name] for step in steps]) for name in scene.probes),
+        _column("volume", scene.units.volume, [step.volume for step in steps]),
+    ]
+    states = [(step.elements.count(), len(step.elements.state)) for step in steps]
+    last: list[Column] = [
+        ("wrinkled", [f"{count['wrinkled'] / total:.1%}" for count, total in states]),
+        ("slack", [f"{count['slack'] / total:.1%}" for count, total in states]),
+        ("iterations", [str(step.iterations) for step in steps]),
+        ("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
+    ]
+    return first, optional, last
+
+
+def fitting(
+    first: list[Column], optional: list[Column], last: list[Column], width: int
+) -> tuple[list[Column], list[str]]:
+    """All columns that fit ``width`` characters, in order, and the headers of the optional ones that do not."""
+    room = width - sum(_width(column) + _GAP for column in [*first, *last]) + _GAP
+    chosen, left_out = [], []
+    for column in optional:
+        if _width(column) + _GAP <= room:
+            room -= _width(column) + _GAP
+            chosen.append(column)
+        else:
+            left_out.append(column[0])
+    return [*first, *chosen, *last], left_out
+
+
+def _width(column: Column) -> int:
+    return max(map(len, [column[0], *column[1]]))
+
+
+def _column(name: str, unit: str, values: list[float]) -> Column:
+    negligible = _ROUND_OFF * max(map(abs, values), default=0.0)
+    cells = [f"{0.0 if abs(value) < negligible else value:.5g}" for value in values]
+    return (f"{name} [{unit}]" if unit else name, cells)
+
+
+def _print_table(console: Console, columns: list[Column]) -> None:
+    table = Table(box=None, padding=(0, _GAP, 0, 0), pad_edge=False, header_style="bold")
+    for number, (header, cells) in enumerate(columns):
+        words = number < 2 or not any(cell[:1].isdigit() or cell[:1] in "+-" for cell in cells)
+        table.add_column(Text(header), justify="left" if words else "right", overflow="fold")
+    for row in zip(*(cells for _, cells in columns), strict=True):
+        table.add_row(*(Text(cell, style="bold red" if cell in ("FAIL", "FAILED") else "") for cell in row))
+    console.print(table)
+
+
+def _print_plain(console: Console, line: str, style: str = "") -> None:
+    console.print(Text(line, style=style), soft_wrap=True)
+
+
+def _print_wrapped(console: Console, label: str, text: str) -> None:
+    """Fill lines up to the width, with a hanging indent; words are never broken."""
+    indent = min(len(label) + 1, 12)
+    lines = textwrap.wrap(
+        f"{label} {text}", console.width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+    )
+    _print_plain(console, "\n".join(lines))
+
+
+def print_model(console: Console, model: Model, compiled_in: Sequence[str], left_out: Sequence[str]) -> None:
+    """Print what a scene amounts to: sizes, groups, fabrics, what acts, what is compiled in."""
+    scene, mesh = model.scene, model.structure.mesh
+    units = scene.units
+    closed = f"closed, volume {mesh.enclosed_volume():.6g} {units.volume}" if mesh.is_closed else "open"
+    area = f"area {mesh.tri_areas().sum():.6g} {units.area}"
+    lines = [
+        ("scene", f"{scene.name}: {scene.title}" if scene.title else scene.name),
+        ("units", f"{units.length}, {units.force}, stress and pressure in {units.stress}"),
+        ("mesh", f"{scene.mesh.shape}: {mesh.node_count} nodes, {mesh.tri_count} elements, {area}, {closed}"),
+        ("nodes", ", ".join(f"{name}: {len(members)}" for name, members in mesh.node_groups.items())),
+        ("elements", ", ".join(f"{name}: {len(members)}" for name, members in mesh.tri_groups.items())),
+        *(("fabric", line) for line in _fabric_lines(scene)),
+        *(("support", f"{support.group}: {support.hold} held") for support in scene.supports),
+        *(("pressure", f"{name}: {item.kind}, on {item.group}") for name, item in scene.pressures.items()),
+        *(("load", f"{name}: {item.kind} on {item.group}") for name, item in scene.loads.items()),
+        *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
+        ("probes", ", ".join(scene.probes) or "none"),
+        ("checks", str(len(scene.checks)) if scene.checks else "none"),
+        ("compiled in", ", ".join(compiled_in) or "nothing beyond the linear element"),
+        ("left out", ", ".join(left_out) or "nothing"),
+    ]
+    before = ""
+    for label, text in lines:
+        _print_wrapped(console, f"{label if label != before else '':<11}", text)
+        before = label
+
+
+def _fabric_lines(scene: Scene) -> list[str]:
+    default = {"all" if not scene.fabrics else "all others": scene.fabric} if scene.fabric is not None else {}
+    return [f"{group}: {_fabric_line(scene, fabric)}" for group, fabric in (default | scene.fabrics).items()]
+
+
+def _fabric_line(scene: Scene, fabric: Fabric) -> str:
+    stress = scene.units.stress
+    if fabric.E is not None:
+        moduli = f"E = {fabric.E:g} {stress}, nu = {fabric.nu:g}"
+    else:
+        moduli = (
+            f"E_warp = {fabric.warp_modulus:g}, E_weft = {fabric.weft_modulus:g}, G = {fabric.shear_modulus:g} {stress}, "
+            f"nu = {fabric.nu:g}"
+        )
+    prestress = f", prestress {list(fabric.prestress)} {stress}" if any(fabric.prestress) else ""
+    return f"{moduli}, thickness {fabric.thickness:g} {scene.units.length}, wrinkling law {fabric.law}{prestress}"
+
+
+def _stage_line(scene: Scene, stage: Stage) -> str:
+    if isinstance(stage.pressure, dict):
+        aims = [f"pressure {name} to {value:g} {scene.units.stress}" for name, value in stage.pressure.items()]
+    else:
+        aims = [] if stage.pressure is None else [f"pressure to {stage.pressure:g} {scene.units.stress}"]
+    aims += [f"load {name} to {_with_unit(value, load_unit(scene, name))}" for name, value in stage.loads.items()]
+    return f"{stage.name}: {stage.steps} {'step' if stage.steps == 1 else 'steps'}, {', '.join(aims) or 'no change'}"
