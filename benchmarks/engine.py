@@ -2,7 +2,7 @@
 
     python benchmarks/engine.py [--quick] [--out FILE]
 
-Every row is measured in a fresh process. Times are the smallest of many short batches: on a shared machine the noise only adds. The C
+Every row is measured in a fresh process. Times are the smallest of many short batches: on a shared machine noise only adds. The C
 loop of ``bound.c`` runs in turn with the kernels, in the same process.
 """
 

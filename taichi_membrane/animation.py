@@ -39,11 +39,12 @@ def write_animation(pngs: Sequence[Path], path: Path, *, frame_seconds: float = 
         width = min(WIDEST, picture.width)
         picture = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
         frames.append(picture)
-    # One palette for all frames, taken from the first and last: colours must not flicker from frame to frame.
-    both = Image.new("RGB", (frames[0].width, 2 * frames[0].height))
-    both.paste(frames[0], (0, 0))
-    both.paste(frames[-1], (0, frames[0].height))
-    palette = both.quantize(256, method=Image.Quantize.MEDIANCUT)
+    # One palette from all frames: colours must not flicker from frame to frame.
+    small = (max(1, frames[0].width // 2), max(1, frames[0].height // 2))
+    strip = Image.new("RGB", (small[0], small[1] * len(frames)))
+    for number, frame in enumerate(frames):
+        strip.paste(frame.resize(small, Image.Resampling.NEAREST), (0, number * small[1]))
+    palette = strip.quantize(256, method=Image.Quantize.MEDIANCUT)
     indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     durations = [round(1000 * frame_seconds)] * len(frames)
     durations[-1] *= LAST_FRAME_FACTOR

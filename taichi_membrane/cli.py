@@ -81,17 +81,19 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but failures.")] = False,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="all cores")] = None,
 ) -> None:
-    """Run a scene: solve its load steps, write and draw them, judge its checks.
+    """Solve the load steps of a scene, write and draw them.
 
-    Exit code: 0 all well, 1 a check fails, 2 bad input, 3 a load step did not converge.
+    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input, 3 a load step did not converge.
     """
     from taichi_membrane import report, scene_file
+    from taichi_membrane.output import check_directory
     from taichi_membrane.progress import ProgressView
     from taichi_membrane.run import run as run_scene
 
     path = scene_file.resolve_scene(scene)
     model = scene_file.load_scene(path, overrides or ())
     directory = out or Path("renders") / model.name
+    check_directory(directory)  # now rather than after minutes of work
     view = ProgressView(model, None if quiet else _console(stderr=True))
     try:
         with view:
@@ -123,7 +125,7 @@ def run(
 
 @app.command()
 def check(scene: SceneArgument, overrides: SetOption = None) -> None:
-    """Validate a scene and its mesh, and say what they amount to. Runs nothing."""
+    """Validate a scene and its mesh; run nothing."""
     from taichi_membrane import report, scene_file
     from taichi_membrane.run import summarise
 
@@ -150,7 +152,10 @@ def render(
         bool | None, typer.Option("--directions/--no-directions", help="Lines along the wrinkles.")
     ] = None,
 ) -> None:
-    """Draw the pictures of a finished run again; what is not given is as in its scene."""
+    """Draw the pictures of a finished run again.
+
+    What is not given is as in the scene of the run.
+    """
     from taichi_membrane import report
     from taichi_membrane.progress import ProgressView
     from taichi_membrane.run import redraw

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from taichi_membrane.output import load_unit, probe_unit
 from taichi_membrane.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.preparation import Floats
 from taichi_membrane.render import Frame, Look, draw_frame, fit_camera, write_animation
@@ -81,7 +82,7 @@ def _scalar_label(scene: Scene, camera: Camera) -> str:
 def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
     scene, mesh = result.scene, result.mesh
     count = next(stage.steps for stage in scene.stages if stage.name == step.stage)
-    held = np.unique(np.concatenate([mesh.node_groups[s.group] for s in scene.supports])) if scene.supports else []
+    held = [mesh.node_groups[support.group] for support in scene.supports]
     points = mesh.points + step.displacement
     return Frame(
         points=points,
@@ -97,7 +98,7 @@ def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
         subtitle=_subtitle(scene, step, count),
         length_unit=scene.units.length,
         arrows=_arrows(result, step, points),
-        supports=np.asarray(held, dtype=np.int32),
+        supports=np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *held])),
     )
 
 
@@ -112,11 +113,8 @@ def _subtitle(scene: Scene, step: StepResult, count: int) -> str:
 
 
 def _load_unit(scene: Scene, name: str) -> str:
-    load = scene.loads[name]
-    if not np.isclose(np.linalg.norm(load.direction), 1.0):
-        return " × direction"
-    per = {"total": "", "line": f"/{scene.units.length}", "area": f"/{scene.units.length}²"}[load.kind]
-    return f" {scene.units.force}{per}"
+    unit = load_unit(scene, name)
+    return f" {unit}" if unit else " × direction"
 
 
 def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[Floats, Floats, str], ...]:
@@ -157,19 +155,6 @@ def _quantity_label(scene: Scene, quantity: str) -> str:
     if kind == "pressure":
         return f"pressure{' ' + name if name else ''} [{scene.units.stress}]"
     return f"load {name} [{_load_unit(scene, name).strip()}]"
-
-
-def probe_unit(scene: Scene, name: str) -> str:
-    """Unit of a probe, empty for a share."""
-    units = scene.units
-    return {
-        "displacement": units.length,
-        "radius": units.length,
-        "reaction": units.force,
-        "volume": units.volume,
-        "stress": units.stress,
-        "area_share": "",
-    }[scene.probes[name].kind]
 
 
 def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:

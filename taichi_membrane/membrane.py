@@ -50,6 +50,9 @@ class Membrane:
         self.features: Features = structure.features()
         self.fp: Any = ti.f64 if active.precision == "f64" else ti.f32
         self.dtype: Any = np.float64 if active.precision == "f64" else np.float32
+        # Single precision resolves a displacement of 10 mm to 5e-7 mm, which a stiff fabric answers with a few percent of its
+        # stress. The part that is rounded off is kept beside it, so that differences of displacements keep all their digits.
+        self.split_displacement = active.precision == "f32"
         self.geometry = preparation.triangle_geometry(structure.mesh, structure.tri_warp)
         self.node_count, self.tri_count = structure.mesh.node_count, structure.mesh.tri_count
         if active.on_cpu:
@@ -68,6 +71,8 @@ class Membrane:
         fp, features = self.fp, self.features
         self.node_rest = ti.Vector.field(3, fp, shape=self.node_count)
         self.node_displacement = ti.Vector.field(3, fp, shape=self.node_count)
+        if self.split_displacement:
+            self.node_displacement_rest = ti.Vector.field(3, fp, shape=self.node_count)
         self.node_held = ti.Vector.field(3, ti.i32, shape=self.node_count)
         self.node_corner_start = ti.field(ti.i32, shape=self.node_count + 1)
         self.node_corner = ti.field(ti.i32, shape=3 * self.tri_count)
@@ -124,11 +129,15 @@ class Membrane:
 
     def set_displacement(self, displacement: Floats) -> None:
         """Set all nodal displacements, (node_count, 3) lengths."""
-        self.node_displacement.from_numpy(np.ascontiguousarray(displacement, dtype=self.dtype))
+        leading = np.ascontiguousarray(displacement, dtype=self.dtype)
+        self.node_displacement.from_numpy(leading)
+        if self.split_displacement:
+            self.node_displacement_rest.from_numpy((displacement - leading).astype(self.dtype))
 
     def displacement(self) -> Floats:
         """Nodal displacements, (node_count, 3) lengths, in double precision."""
-        return self.node_displacement.to_numpy().astype(np.float64)
+        leading = self.node_displacement.to_numpy().astype(np.float64)
+        return leading + self.node_displacement_rest.to_numpy() if self.split_displacement else leading
 
     def set_pressures(self, pressures: Floats) -> None:
         """Set each chamber's pressure (force per area, positive along the triangles' normals)."""
@@ -172,17 +181,38 @@ class Membrane:
         return pressure
 
     @ti.func
+    def displacement_difference(self, i, j):
+        """Displacement of node ``i`` less that of node ``j``."""
+        difference = self.node_displacement[i] - self.node_displacement[j]
+        if ti.static(self.split_displacement):
+            difference += self.node_displacement_rest[i] - self.node_displacement_rest[j]
+        return difference
+
+    @ti.func
+    def add_displacement(self, i, increment):
+        """Add to the displacement of node ``i``; what rounding drops from the leading part goes to the rest."""
+        if ti.static(self.split_displacement):
+            before = self.node_displacement[i]
+            change = increment + self.node_displacement_rest[i]
+            after = before + change
+            self.node_displacement[i] = after
+            self.node_displacement_rest[i] = change - (after - before)
+        else:
+            self.node_displacement[i] += increment
+
+    @ti.func
     def sides(self, t):
         """Vectors of the three sides at rest, and the differences of their ends' displacements; rows of two matrices."""
         nodes = self.tri_node[t]
         x_0, x_1, x_2 = self.node_rest[nodes[0]], self.node_rest[nodes[1]], self.node_rest[nodes[2]]
-        u_0, u_1, u_2 = (
-            self.node_displacement[nodes[0]],
-            self.node_displacement[nodes[1]],
-            self.node_displacement[nodes[2]],
-        )
         rest = ti.Matrix.rows([x_2 - x_1, x_0 - x_2, x_1 - x_0])
-        stretch = ti.Matrix.rows([u_2 - u_1, u_0 - u_2, u_1 - u_0])
+        stretch = ti.Matrix.rows(
+            [
+                self.displacement_difference(nodes[2], nodes[1]),
+                self.displacement_difference(nodes[0], nodes[2]),
+                self.displacement_difference(nodes[1], nodes[0]),
+            ]
+        )
         return rest, stretch
 
     @ti.func

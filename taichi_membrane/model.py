@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.preparation import FabricConstants, Floats, Ints, Structure
 from taichi_membrane.scene import Fabric, Load, Scene
 
-_SHAPES = {
+_SHAPES: dict[str, Callable[..., Mesh]] = {
     "tube": shapes.tube,
     "arch": shapes.arch,
     "sphere": shapes.sphere,
@@ -272,4 +272,5 @@ def _tributary_length(mesh: Mesh, nodes: Ints, key: str) -> Floats:
     if not len(edges):
         raise InputError(f"{key}.group: no mesh edge has both ends in this group of {len(nodes)} nodes")
     length = np.linalg.norm(mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], axis=1)
-    return np.bincount(edges.ravel(), weights=np.repeat(0.5 * length, 2), minlength=mesh.node_count)
+    total = np.bincount(edges.ravel(), weights=np.repeat(0.5 * length, 2), minlength=mesh.node_count)
+    return np.asarray(total, dtype=np.float64)

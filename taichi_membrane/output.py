@@ -31,7 +31,7 @@ from taichi_membrane.results import RunResult, StepResult
 from taichi_membrane.run_reader import FABRIC_AXES, FORMAT, FORMAT_VERSION, GROUP, MESH, SUMMARY, is_run, read_run
 from taichi_membrane.scene import Scene
 
-__all__ = ["Writer", "load_unit", "probe_unit", "read_run"]
+__all__ = ["Writer", "check_directory", "load_unit", "probe_unit", "read_run"]
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
 
@@ -92,7 +92,7 @@ class Writer:
         self._rows: list[list[object]] = []
         self._records: list[dict[str, Any]] = []
         self._noted: list[Path] = []
-        _claim(directory)
+        _make_directory(directory)
         self._write_summary({}, complete=False)  # first of all: from here on the folder is known to be a run
         _remove_stale(directory)
         self._write_mesh()
@@ -268,18 +268,29 @@ def _group_marks(groups: Mapping[str, NDArray[np.int32]], count: int) -> dict[st
     return marks
 
 
-def _claim(directory: Path) -> None:
-    """Make the folder, or make sure that it is empty or holds a run that may be replaced."""
+def check_directory(directory: Path) -> None:
+    """Make sure that a run may write here: a folder that is missing, empty, or holds an earlier run.
+
+    :raises InputError: it holds other files and no run, or is no folder.
+    """
+    try:
+        held = [path.name for path in directory.iterdir()] if directory.exists() else []
+    except OSError as error:
+        raise InputError(f"{directory}: the output folder cannot be read: {error.strerror}") from error
+    foreign = sorted(name for name in held if not re.fullmatch(_TEMPORARY, name))
+    if foreign and not is_run(directory):
+        raise InputError(
+            f"{directory}: the output folder holds {foreign[0]!r} ({len(foreign)} files in all) but no {SUMMARY} of an "
+            "earlier run; give an empty or new folder"
+        )
+
+
+def _make_directory(directory: Path) -> None:
+    check_directory(directory)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        held = sorted(path.name for path in directory.iterdir() if not re.fullmatch(_TEMPORARY, path.name))
     except OSError as error:
-        raise InputError(f"{directory}: the output folder cannot be made or read: {error.strerror}") from error
-    if held and not is_run(directory):
-        raise InputError(
-            f"{directory}: the output folder holds {held[0]!r} ({len(held)} files in all) but no {SUMMARY} of an earlier run; "
-            "give an empty or new folder"
-        )
+        raise InputError(f"{directory}: the output folder cannot be made: {error.strerror}") from error
 
 
 def _remove_stale(directory: Path) -> None:

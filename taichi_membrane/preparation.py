@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SideStrain, WrinklingLaw
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
+Ints = NDArray[np.integer[Any]]  # node and element numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +165,7 @@ def triangle_geometry(mesh: Mesh, tri_warp: Floats, *, where: str = "fabric.warp
     """Geometry of all triangles in their fabric axes.
 
     The inverse of the rows [cos²θ, sin²θ, sinθ cosθ] of eq. 6 in closed form: the strain that has extension in side a alone
-    is -(n_b⊗n_c + n_c⊗n_b) L_a δ_a / (8 A²), n the sides turned by a right angle. No matrix is inverted, so slivers keep their digits.
+    is -(n_b⊗n_c + n_c⊗n_b) L_a δ_a / (8 A²), n the sides turned by a right angle. No matrix is inverted: slivers keep digits.
 
     :raises InputError: a warp direction that is (nearly) perpendicular to its element, with the element number.
     """

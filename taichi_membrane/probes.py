@@ -9,7 +9,7 @@ import numpy as np
 from taichi_membrane import scene as scenes
 from taichi_membrane.model import Model, group_nodes, group_triangles
 from taichi_membrane.names import STATE_NAMES
-from taichi_membrane.preparation import Floats
+from taichi_membrane.preparation import Floats, Ints
 from taichi_membrane.results import CheckResult, ElementFields, StepResult
 from taichi_membrane.scene import Check, Scene
 
@@ -66,7 +66,7 @@ def _mean_radius(positions: Floats, axis: str) -> float:
 
 
 def _over_elements(
-    probe: scenes.StressProbe | scenes.AreaProbe, elements: ElementFields, area: Floats, group: Floats
+    probe: scenes.StressProbe | scenes.AreaProbe, elements: ElementFields, area: Floats, group: Ints
 ) -> float:
     weights = area[group]
     if isinstance(probe, scenes.AreaProbe):

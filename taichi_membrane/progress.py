@@ -8,7 +8,8 @@ from types import TracebackType
 from typing import Self
 
 from rich.console import Console
-from rich.status import Status
+from rich.live import Live
+from rich.spinner import Spinner
 from rich.text import Text
 
 from taichi_membrane.results import StepResult
@@ -27,34 +28,38 @@ class ProgressView:
         self.steps: list[StepResult] = []
         self.paths: list[Path] = []
         self._console = console
-        self._status = Status("", console=console) if console is not None and console.is_interactive else None
+        self._line = Spinner("line")
+        self._live: Live | None = None
+        if console is not None and console.is_interactive:
+            # Taichi looks at sys.stdout when it is imported, so that must stay what it is.
+            self._live = Live(self._line, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
         self._stage_steps = {stage.name: stage.steps for stage in scene.stages}
         self._step_count = sum(self._stage_steps.values())
         self._last_line = time.monotonic()
 
     def __enter__(self) -> Self:
-        if self._status is not None:
-            self._status.start()
+        if self._live is not None:
+            self._live.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._status is not None:
-            self._status.stop()
+        if self._live is not None:
+            self._live.stop()
 
     def phase(self, name: str) -> None:
         """A phase begins."""
-        if self._status is not None:
-            self._status.update(Text(f"{name} …"))
+        if self._live is not None:
+            self._line.update(text=Text(f"{name} …"))
         else:
             self._print(f"{name} …")
 
     def progress(self, stage: str, step: int, steps: int, iterations: int, residual: float, seconds: float) -> None:
         """The solver is at work on a load step."""
         line = f"{stage} {step}/{steps}: {iterations} iterations, residual {residual:.1e}, {seconds:.1f} s"
-        if self._status is not None:
-            self._status.update(Text(f"{line} (load step {len(self.steps) + 1} of {self._step_count})"))
+        if self._live is not None:
+            self._line.update(text=Text(f"{line} (load step {len(self.steps) + 1} of {self._step_count})"))
         elif time.monotonic() - self._last_line >= SECONDS_BETWEEN_LINES:
             self._print(f"  {line}")
 

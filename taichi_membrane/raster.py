@@ -59,7 +59,8 @@ class Paint:
 
     ``palette`` (3, 3): colours of the states; ``ramp`` (k, 3): colours of the scalar from low to high. ``shown`` says which
     states may appear. ``darkest`` is the brightness of a surface turned away from the light (1 fully lit).
-    ``radii_per_nearness`` is the depth, in bounding radii, of the whole nearness range; ``samples_per_radius`` the scale.
+    ``radii_per_nearness`` is the depth, in bounding radii, of the whole nearness range, at least 1e-3 (steps are counted in
+    32 bits); ``samples_per_radius`` the scale; ``line`` the width of lines in samples.
     """
 
     palette: NDArray[np.float32]
@@ -76,7 +77,7 @@ class Paint:
 @dataclass(frozen=True, kw_only=True)
 class Pixels:
     """A shaded picture, rows from the top: ``colour`` (h, w, 3) uint8; ``code`` (h, w) state plus BACK_FACE where all four
-    samples agree, else BACKGROUND; ``direction`` (h, w, 2) cos 2θ, sin 2θ not normalised; ``nearness`` (h, w), -1 outside."""
+    samples agree, else BACKGROUND; ``direction`` (h, w, 2) cos 2θ, sin 2θ not normalised; ``nearness`` (h, w), negative outside."""
 
     colour: NDArray[np.uint8]
     code: NDArray[np.int32]
@@ -106,15 +107,13 @@ class Raster:
 
     def shade(self, surface: Surface, paint: Paint) -> Pixels:
         """Colour the samples found by the last :meth:`cover` of the same surface and average them to pixels."""
-        taut, wrinkled, slack = map(int, paint.shown)
-        _classify(
-            surface.screen, surface.triangles, surface.node, self._depth, self._owner, self._code, taut, wrinkled, slack
-        )
+        samples = (surface.screen, surface.triangles, surface.node)
+        _classify(*samples, self._depth, self._owner, self._code, *map(int, paint.shown))
         shape = (self.height, self.width)
         packed, code = np.empty(shape, np.int32), np.empty(shape, np.int32)
         direction, nearness = np.empty((*shape, 2), np.float32), np.empty(shape, np.float32)
         _resolve(
-            surface.screen, surface.triangles, surface.node, surface.face_normal, self._depth, self._owner, self._code,
+            *samples, surface.face_normal, self._depth, self._owner, self._code,
             paint.palette, paint.ramp, LIGHT, TAPS, int(paint.by_scalar), int(paint.border), paint.line, paint.darkest,
             paint.radii_per_nearness, paint.samples_per_radius, packed, code, direction, nearness,
         )  # fmt: skip
@@ -271,17 +270,12 @@ def _normal(triangles: ti.template(), node: ti.template(), face_normal: ti.templ
     """Interpolated unit normal that faces the viewer; at a crease each triangle keeps its own."""
     flat = ti.Vector([face_normal[t, 0], face_normal[t, 1], face_normal[t, 2]])
     n = flat * ti.f32(0.0)
-    for k in range(3):
+    for k in ti.static(range(3)):
         i = triangles[t, k]
         smooth = ti.Vector([node[i, NORMAL], node[i, NORMAL + 1], node[i, NORMAL + 2]])
         if smooth.dot(flat) < ti.f32(0.85):  # more than 32°
             smooth = flat
-        weight = w[0]
-        if k == 1:
-            weight = w[1]
-        if k == 2:
-            weight = w[2]
-        n += weight * smooth
+        n += w[k] * smooth
     n = _unit(n)
     if n[2] < 0:
         n = -n
@@ -365,7 +359,7 @@ def _resolve(
 ):  # fmt: skip
     for y, x in ti.ndrange(packed.shape[0], packed.shape[1]):
         radii_per_step = radii_per_nearness / ti.cast(DEPTH_STEPS, ti.f32)
-        jump = ti.cast(ti.min(ti.f32(LEAP) / radii_per_step, ti.f32(1e9)), ti.i32)  # on a flat sheet beyond any step
+        jump = ti.cast(ti.f32(LEAP) / radii_per_step, ti.i32)
         white = ti.Vector([ti.f32(1.0), ti.f32(1.0), ti.f32(1.0)])
         ink = ti.Vector([ti.f32(0.10), ti.f32(0.12), ti.f32(0.16)])
         total, base = white * ti.f32(0.0), white

@@ -1,9 +1,10 @@
 """Dynamic relaxation with kinetic damping on a fictitious mass that is provably large enough.
 
 The structure moves freely (no damping) with time step 1; whenever its kinetic energy passes a peak it is set back to that peak and
-starts again from rest (eqs. 17-22 of the seed paper). Central differences are stable while 4 M ≥ K in the sense of the highest
-eigenvalue. With k the bound of :func:`element.side_stiffness_bound` for each side, K ≤ 2 Σ k at each node, hence M = ½ Σ k: the seed's
-eq. 19 with its inequality the right way round, and with the side-to-side coupling that its diagonal sum leaves out.
+starts again from rest (eqs. 17-22 of the seed paper). Central differences are stable while 4 M ≥ K in the sense of the
+highest eigenvalue. With k the bound of :func:`element.side_stiffness_bound` for each side, K ≤ 2 Σ k at each node, hence
+M = ½ Σ k: the
+seed's eq. 19 with its inequality the right way round, and with the side-to-side coupling that its diagonal sum leaves out.
 
 Peak search, step back and the test for convergence happen on the device; the host looks at the result now and then.
 """
@@ -151,10 +152,10 @@ class Relaxation:
         """Move node ``i`` by one step (eq. 21), or back to the energy peak and to rest."""
         if self.control[None].peak == 1:
             before = self.node_velocity[i] - gain / self.node_mass[i] * self.node_force[i]
-            self.membrane.node_displacement[i] -= self.control[None].back * before
+            self.membrane.add_displacement(i, -self.control[None].back * before)
             self.node_velocity[i] = ti.Vector.zero(self.fp, 3)
         elif self.control[None].status == RUNNING:
-            self.membrane.node_displacement[i] += self.node_velocity[i]
+            self.membrane.add_displacement(i, self.node_velocity[i])
 
     @ti.kernel
     def _iterate(self, tolerance: float, reference: float):

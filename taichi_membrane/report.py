@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
@@ -20,7 +21,19 @@ from taichi_membrane.scene import Fabric, Scene, Stage
 _GAP = 2  # blanks between columns
 _ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
 
-Column = tuple[str, list[str]]
+
+@dataclass(frozen=True)
+class Column:
+    """Header and cells of a table's column; columns of rank 0 are always shown, others where there is room, 1 before 2."""
+
+    header: str
+    cells: list[str]
+    rank: int = 0
+
+    @property
+    def width(self) -> int:
+        """Characters of the widest cell."""
+        return max(map(len, [self.header, *self.cells]))
 
 
 def print_run(console: Console, result: RunResult) -> None:
@@ -84,13 +97,13 @@ def ranges(names: Sequence[str]) -> list[str]:
 def check_columns(scene: Scene, checks: Sequence[CheckResult]) -> list[Column]:
     """The table of checks: value, reference, error, tolerance, verdict."""
     return [
-        ("check", [check.probe for check in checks]),
-        ("at", [f"{check.stage} {check.step}" for check in checks]),
-        ("value", ["not reached" if check.value is None else f"{check.value:.6g}" for check in checks]),
-        ("reference", [_with_unit(check.reference, probe_unit(scene, check.probe)) for check in checks]),
-        ("error", [_error(check) for check in checks]),
-        ("tolerance", [_tolerance(check) for check in checks]),
-        ("", ["pass" if check.passed else "FAIL" for check in checks]),
+        Column("check", [check.probe for check in checks]),
+        Column("at", [f"{check.stage} {check.step}" for check in checks]),
+        Column("value", ["not reached" if check.value is None else f"{check.value:.6g}" for check in checks]),
+        Column("reference", [_with_unit(check.reference, probe_unit(scene, check.probe)) for check in checks]),
+        Column("error", [_error(check) for check in checks]),
+        Column("tolerance", [_tolerance(check) for check in checks]),
+        Column("", ["pass" if check.passed else "FAIL" for check in checks]),
     ]
 
 
@@ -110,67 +123,62 @@ def _with_unit(value: float, unit: str) -> str:
 
 def _print_steps(console: Console, result: RunResult) -> None:
     """The columns every reader needs, and of the others as many as fit the width."""
-    chosen, left_out = fitting(*step_columns(result.scene, result.steps), console.width)
-    _print_table(console, chosen)
-    if left_out:
-        place = "" if result.directory is None else "; history.csv has them"
-        _print_wrapped(console, "not shown:", f"{', '.join(left_out)}{place}")
+    columns = step_columns(result.scene, result.steps)
+    shown = fitting(columns, console.width)
+    _print_table(console, shown)
+    if len(shown) < len(columns):
+        place = "" if result.directory is None else " (in history.csv)"
+        missing = ", ".join(column.header for column in columns if column not in shown)
+        _print_wrapped(console, "not shown:", f"{missing}{place}")
 
 
-def step_columns(scene: Scene, steps: Sequence[StepResult]) -> tuple[list[Column], list[Column], list[Column]]:
-    """Columns that begin the table of load steps, those shown where there is room for them, and those that end it."""
+def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
+    """The table of load steps in full width; what the steps change ranks above what stays the same."""
     counts = {stage.name: stage.steps for stage in scene.stages}
-    first: list[Column] = [
-        ("step", [str(step.number) for step in steps]),
-        ("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
+    states = [step.elements.count() for step in steps]
+    sizes = [len(step.elements.state) for step in steps]
+    slack = [f"{count['slack'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]
+    return [
+        Column("step", [str(step.number) for step in steps]),
+        Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
+        *(_numbers(name, scene.units.stress, [step.pressures[name] for step in steps]) for name in scene.pressures),
+        *(_numbers(name, load_unit(scene, name), [step.loads[name] for step in steps]) for name in scene.loads),
+        *(_numbers(name, probe_unit(scene, name), [step.probes[name] for step in steps]) for name in scene.probes),
+        replace(_numbers("volume", scene.units.volume, [step.volume for step in steps]), rank=2),
+        Column("wrinkled", [f"{count['wrinkled'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]),
+        Column("slack", slack, rank=_rank(slack)),
+        Column("iterations", [str(step.iterations) for step in steps]),
+        Column("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
     ]
-    optional = [
-        *(_column(name, scene.units.stress, [step.pressures[name] for step in steps]) for name in scene.pressures),
-        *(_column(name, load_unit(scene, name), [step.loads[name] for step in steps]) for name in scene.loads),
-        *(_column(name, probe_unit(scene, name), [step.probes[name] for step in steps]) for name in scene.probes),
-        _column("volume", scene.units.volume, [step.volume for step in steps]),
-    ]
-    states = [(step.elements.count(), len(step.elements.state)) for step in steps]
-    last: list[Column] = [
-        ("wrinkled", [f"{count['wrinkled'] / total:.1%}" for count, total in states]),
-        ("slack", [f"{count['slack'] / total:.1%}" for count, total in states]),
-        ("iterations", [str(step.iterations) for step in steps]),
-        ("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
-    ]
-    return first, optional, last
 
 
-def fitting(
-    first: list[Column], optional: list[Column], last: list[Column], width: int
-) -> tuple[list[Column], list[str]]:
-    """All columns that fit ``width`` characters, in order, and the headers of the optional ones that do not."""
-    room = width - sum(_width(column) + _GAP for column in [*first, *last]) + _GAP
-    chosen, left_out = [], []
-    for column in optional:
-        if _width(column) + _GAP <= room:
-            room -= _width(column) + _GAP
+def fitting(columns: Sequence[Column], width: int) -> list[Column]:
+    """The columns that fit ``width`` characters, in order: all of rank 0, the others by rank while there is room."""
+    room = width + _GAP - sum(column.width + _GAP for column in columns if column.rank == 0)
+    chosen = []
+    for column in sorted((column for column in columns if column.rank > 0), key=lambda column: column.rank):
+        if column.width + _GAP <= room:
+            room -= column.width + _GAP
             chosen.append(column)
-        else:
-            left_out.append(column[0])
-    return [*first, *chosen, *last], left_out
+    return [column for column in columns if column.rank == 0 or column in chosen]
 
 
-def _width(column: Column) -> int:
-    return max(map(len, [column[0], *column[1]]))
-
-
-def _column(name: str, unit: str, values: list[float]) -> Column:
+def _numbers(name: str, unit: str, values: list[float]) -> Column:
     negligible = _ROUND_OFF * max(map(abs, values), default=0.0)
     cells = [f"{0.0 if abs(value) < negligible else value:.5g}" for value in values]
-    return (f"{name} [{unit}]" if unit else name, cells)
+    return Column(f"{name} [{unit}]" if unit else name, cells, rank=_rank(cells))
 
 
-def _print_table(console: Console, columns: list[Column]) -> None:
+def _rank(cells: list[str]) -> int:
+    return 1 if len(set(cells)) > 1 else 2
+
+
+def _print_table(console: Console, columns: Sequence[Column]) -> None:
     table = Table(box=None, padding=(0, _GAP, 0, 0), pad_edge=False, header_style="bold")
-    for number, (header, cells) in enumerate(columns):
-        words = number < 2 or not any(cell[:1].isdigit() or cell[:1] in "+-" for cell in cells)
-        table.add_column(Text(header), justify="left" if words else "right", overflow="fold")
-    for row in zip(*(cells for _, cells in columns), strict=True):
+    for number, column in enumerate(columns):
+        words = number < 2 or not any(cell[:1].isdigit() or cell[:1] in "+-" for cell in column.cells)
+        table.add_column(Text(column.header), justify="left" if words else "right", overflow="fold")
+    for row in zip(*(column.cells for column in columns), strict=True):
         table.add_row(*(Text(cell, style="bold red" if cell in ("FAIL", "FAILED") else "") for cell in row))
     console.print(table)
 

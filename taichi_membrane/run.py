@@ -87,8 +87,8 @@ def run(
     :param out: folder for summary.json, history.csv, step files, curve.png and pictures; nothing is written when None.
     :param base: folder that a relative mesh path starts from; the current one when None.
     :param render: draw pictures and the curve (only with ``out``).
-    :raises InputError: a scene, mesh or back end that cannot be used. A step that does not converge raises nothing: it ends the run, and
-        ``RunResult.converged`` says so.
+    :raises InputError: a scene, mesh or back end that cannot be used. A step that does not converge raises nothing: it ends
+        the run, and ``RunResult.converged`` says so.
     """
     observer = observer or Silent()
     clock = _Clock(observer)

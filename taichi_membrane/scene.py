@@ -387,7 +387,7 @@ class Solver(Model):
     """How equilibrium is found.
 
     ``tolerance``: 2-norm of the out-of-balance forces on free degrees of freedom over that of the applied forces, pressure
-    included; by default 1e-6 in double precision, 1e-4 in single. ``max_cuts``: how often a load step that fails is halved.
+    included; by default 1e-6 in double precision, 3e-6 in single. ``max_cuts``: how often a load step that fails is halved.
     """
 
     kind: Literal["relaxation"] = "relaxation"

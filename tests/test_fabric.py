@@ -169,16 +169,16 @@ def test_stress_is_the_derivative_of_the_energy(law: str, state: int) -> None:
     size = energy_norm(strain, moduli)
     for direction in np.eye(3):
         unit = direction / energy_norm(np.tile(direction, (COUNT, 1)), moduli)[:, None]
-        # Round-off eps/1e-4 and truncation (1e-4)⁴ are both far below 1e-7; the step stays within the state but for a
-        # strain within 2e-4 of a border, where the second derivative jumps.
-        step = 1e-4 * size[:, None] * unit
+        # Round-off gives eps/1e-6 = 2e-10, truncation less; but for the few strains within 2e-6 of a border, where the
+        # second derivative jumps by at most 1, the step stays within one state.
+        step = 1e-6 * size[:, None] * unit
         w = [probe(strain + k * step)[1] for k in (-2, -1, 1, 2)]
-        slope = (w[0] - 8 * w[1] + 8 * w[2] - w[3]) / (12 * 1e-4 * size)
-        same = np.all([probe(strain + k * step)[2] == probe(strain)[2] for k in (-2, 2)], axis=0)
+        slope = (w[0] - 8 * w[1] + 8 * w[2] - w[3]) / (12 * 1e-6 * size)
+        same = np.all([probe(strain + k * step)[2] == state for k in (-2, 2)], axis=0) | (law == "none")
         assert same.mean() > 0.9
         error = np.abs(slope - np.sum(stress * unit, axis=1)) / size
         assert np.max(error[same]) < 1e-7
-        assert np.max(error) < 2e-4  # the jump of the second derivative, at most 1, times the step
+        assert np.max(error) < 2e-6
 
 
 def test_isotropic_limit_is_the_closed_form() -> None:
@@ -265,5 +265,5 @@ def test_direction_root_solves_its_equation(seed: int) -> None:
     terms = np.stack([h * cosine, -d * (1 + eta) * sine, -m * eta * sine * cosine])
     assert np.all((t >= 0) & (t <= 1))
     # Where t is near 1, cos φ is the small difference 1 - t² and carries the rounding of t: so does h cos φ.
-    size = np.abs(terms).sum(axis=0) + h + np.abs(m * eta) * sine
+    size = np.abs(terms).sum(axis=0) + h + np.abs(m * eta) * sine + np.finfo(float).tiny  # all terms vanish for h = 0, φ = 0
     assert np.max(np.abs(terms.sum(axis=0)) / size) < 8 * EPS

@@ -1,0 +1,429 @@
+"""Files of a run: round trips, valid formats, atomic replacement, refusal of foreign folders."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import meshio
+import numpy as np
+import pytest
+
+from taichi_membrane import output
+from taichi_membrane.errors import InputError
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.output import Writer, read_run
+from taichi_membrane.results import CheckResult, ElementFields, RunResult, StepResult
+from taichi_membrane.scene import Scene
+from taichi_membrane.shapes_grid import panel
+
+SCENE = Scene.model_validate(
+    {
+        "name": "strip",
+        "title": "Ä strip <&>",
+        "units": {"length": "mm", "force": "N"},
+        "mesh": {"shape": "panel", "width": 3.0, "height": 2.0, "along_x": 3, "along_y": 2},
+        "fabric": {"E": 100.0, "nu": 0.3, "thickness": 0.5},
+        "supports": [{"group": "x_min", "hold": "xyz"}],
+        "loads": {
+            "pull": {"group": "x_max", "direction": [1, 0, 0]},
+            "wind": {"group": "all", "direction": [0, 0, 2], "kind": "area"},
+            "seam": {"group": "x_max", "direction": [0, 0, 1], "kind": "line"},
+        },
+        "stages": [{"name": "load", "steps": 3, "loads": {"pull": 3.0}}],
+        "probes": {
+            "tip": {"kind": "displacement", "group": "x_max", "component": "x"},
+            "foot": {"kind": "reaction", "group": "x_min", "component": "x"},
+            "girth": {"kind": "radius", "group": "x_max", "axis": "x"},
+            "volume": {"kind": "volume"},
+            "peak": {"kind": "stress"},
+            "wrinkled": {"kind": "area_share"},
+        },
+    }
+)
+
+
+def a_mesh() -> Mesh:
+    """A small panel with groups whose names XML and file names would trip over."""
+    plain = panel(width=3.0, height=2.0, along_x=3, along_y=2)
+    awkward = {'a "b" <c> & ü:/%': [0, 1]}
+    return Mesh.build(
+        plain.points, plain.triangles, {**plain.node_groups, **awkward}, {**plain.tri_groups, **awkward}, plain.tri_warp
+    )
+
+
+MESH = a_mesh()
+FABRIC = np.arange(MESH.tri_count, dtype=np.int32) % 2
+
+
+def a_step(number: int, **changes: Any) -> StepResult:
+    """A step with numbers that differ in every bit (seeded by the step's number)."""
+    rng = np.random.default_rng(number)
+    m = MESH.tri_count
+    elements = ElementFields(
+        strain=rng.normal(size=(m, 3)),
+        stress=rng.normal(size=(m, 3)),
+        state=rng.integers(0, 3, m).astype(np.int8),
+        fold_strain=rng.normal(size=m),
+        taut_margin=rng.normal(size=m),
+        slack_margin=rng.normal(size=m),
+        major_stress=rng.normal(size=m),
+        minor_stress=rng.normal(size=m),
+        major_direction=rng.normal(size=(m, 3)),
+    )
+    step = StepResult(
+        number=number,
+        stage="load",
+        stage_step=number + 1,
+        pressures={"inside": 0.1 * number},
+        loads={"pull": 1.0 / 3.0, "wind": 0.0, "seam": -2e-300},
+        displacement=rng.normal(size=(MESH.node_count, 3)),
+        reaction=rng.normal(size=(MESH.node_count, 3)),
+        elements=elements,
+        probes=dict(zip(SCENE.probes, map(float, rng.normal(size=6)), strict=True)),
+        volume=1.5,
+        energy=-2.5,
+        solver="relaxation",
+        converged=True,
+        reason="residual, with a comma",
+        iterations=12,
+        residual=1e-7,
+        cuts=0,
+        seconds=0.25,
+    )
+    return replace(step, **changes)
+
+
+def a_writer(directory: Path) -> Writer:
+    return Writer(directory, SCENE, MESH, provenance={"arch": "x64", "threads": 2}, tri_fabric=FABRIC)
+
+
+def a_result(steps: list[StepResult], directory: Path) -> RunResult:
+    check = CheckResult(
+        probe="tip", stage="load", step=3, value=None, reference=1.0, error=None, tolerance=0.1, relative=True,
+        source="bar", passed=False,
+    )  # fmt: skip
+    return RunResult(
+        scene=SCENE, mesh=MESH, steps=tuple(steps), checks=(check,), seconds={"compile": 1.0}, provenance={},
+        directory=directory,
+    )  # fmt: skip
+
+
+def a_run(directory: Path, steps: list[StepResult]) -> list[Path]:
+    writer = a_writer(directory)
+    for step in steps:
+        writer.write_step(step, {"solve": 1.0})
+    return writer.finish(a_result(steps, directory))
+
+
+def strict_json(path: Path) -> Any:
+    """JSON as the standard has it: no NaN, no Infinity."""
+
+    def refuse(token: str) -> None:
+        raise AssertionError(f"{token} in {path}")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal to the last bit, arrays, records and NaN included."""
+    if isinstance(a, ElementFields | StepResult):
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=True)
+    return bool(a == b) or (a != a and b != b)
+
+
+def test_a_run_is_read_back_to_the_last_bit(tmp_path: Path) -> None:
+    steps = [
+        a_step(0),
+        a_step(1, energy=None, probes={**a_step(1).probes, "tip": float("nan")}),
+        a_step(2, converged=False, reason="stagnated", residual=float("nan")),
+    ]
+    a_run(tmp_path / "run", steps)
+    scene, mesh, read = read_run(tmp_path / "run")
+    assert scene == SCENE
+    assert same(mesh.points, MESH.points)
+    assert same(mesh.triangles, MESH.triangles)
+    assert same(dict(mesh.node_groups), dict(MESH.node_groups))
+    assert same(dict(mesh.tri_groups), dict(MESH.tri_groups))
+    assert mesh.tri_warp is not None
+    # Mesh.build projects and normalises the directions again: round-off of unit vectors.
+    np.testing.assert_allclose(mesh.tri_warp, MESH.tri_warp, atol=1e-15)
+    assert len(read) == 3
+    assert all(same(a, b) for a, b in zip(steps, read, strict=True))
+
+
+def test_paraview_gets_reference_points_a_displacement_vector_and_all_fields(tmp_path: Path) -> None:
+    step = a_step(0)
+    a_run(tmp_path / "run", [step])
+    read = meshio.read(tmp_path / "run" / "step_0000.vtu")
+    assert same(read.points, MESH.points)
+    assert same(read.point_data["displacement"], step.displacement)
+    assert same(read.point_data["reaction"], step.reaction)
+    cells = {name: blocks[0] for name, blocks in read.cell_data.items()}
+    assert cells.keys() == {
+        "state", "fold_strain", "major_stress", "minor_stress", "major_direction", "taut_margin", "slack_margin", "fabric",
+        "stress_warp", "stress_weft", "stress_shear", "strain_warp", "strain_weft", "strain_shear",
+    }  # fmt: skip
+    assert same(cells["stress_weft"], step.elements.stress[:, 1])
+    assert same(cells["strain_shear"], step.elements.strain[:, 2])
+    assert same(cells["major_direction"], step.elements.major_direction)
+    assert same(cells["fabric"], FABRIC)
+
+
+def test_the_series_lists_the_steps_in_order(tmp_path: Path) -> None:
+    a_run(tmp_path / "run", [a_step(0), a_step(1)])
+    root = ElementTree.parse(tmp_path / "run" / "steps.pvd").getroot()
+    assert root.attrib["type"] == "Collection"
+    sets = [(item.attrib["timestep"], item.attrib["file"]) for item in root.iter("DataSet")]
+    assert sets == [("0", "step_0000.vtu"), ("1", "step_0001.vtu")]
+
+
+def test_history_has_a_row_per_step_and_units_in_distinct_headers(tmp_path: Path) -> None:
+    step = a_step(1)
+    a_run(tmp_path / "run", [a_step(0), step])
+    with (tmp_path / "run" / "history.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == [
+        "step", "stage", "stage_step", "load.pull [N]", "load.wind", "load.seam [N/mm]", "pressure.inside [MPa]",
+        "volume [mm³]", "tip [mm]", "foot [N]", "girth [mm]", "probe.volume [mm³]", "peak [MPa]", "wrinkled",
+        "taut_count", "wrinkled_count", "slack_count", "iterations", "residual", "potential_energy [N·mm]", "solver",
+        "converged", "reason", "cuts", "seconds",
+    ]  # fmt: skip
+    assert len(rows) == 3
+    row = dict(zip(rows[0], rows[2], strict=True))
+    assert float(row["load.pull [N]"]) == 1.0 / 3.0
+    assert float(row["tip [mm]"]) == step.probes["tip"]
+    assert int(row["slack_count"]) == np.count_nonzero(step.elements.state == 2)
+    assert row["reason"] == "residual, with a comma"
+
+
+def test_a_unit_vector_alone_gives_a_load_factor_its_unit() -> None:
+    assert output.load_unit(SCENE, "wind") == ""
+    unit = SCENE.loads["wind"].model_copy(update={"direction": (0.0, 0.6, 0.8)})
+    assert output.load_unit(SCENE.model_copy(update={"loads": {"wind": unit}}), "wind") == "N/mm²"
+
+
+def test_summary_is_strict_json_with_what_a_reader_needs(tmp_path: Path) -> None:
+    bad = a_step(1, residual=float("inf"), energy=None, converged=False, reason="not finite")
+    a_run(tmp_path / "run", [a_step(0), bad])
+    summary = strict_json(tmp_path / "run" / "summary.json")
+    assert summary["complete"] is True  # it ended by itself
+    assert summary["converged"] is False
+    assert summary["passed"] is False
+    assert summary["provenance"] == {"arch": "x64", "threads": 2}
+    assert summary["seconds"] == {"compile": 1.0}
+    assert summary["checks"][0]["value"] is None
+    assert summary["mesh"]["node_count"] == MESH.node_count
+    assert summary["mesh"]["node_groups"]["x_min"] == 3
+    assert [step["converged"] for step in summary["steps"]] == [True, False]
+    assert summary["steps"][1]["residual"] is None
+    assert summary["steps"][1]["reason"] == "not finite"
+    assert Scene.model_validate(summary["scene"]) == SCENE
+    assert set(summary["files"]) == {path.name for path in (tmp_path / "run").iterdir()}
+
+
+def test_every_step_leaves_a_run_that_can_be_read_and_is_not_complete(tmp_path: Path) -> None:
+    writer = a_writer(tmp_path)
+    assert read_run(tmp_path)[2] == []
+    for number in range(3):
+        paths = writer.write_step(a_step(number), {})
+        assert [path.name for path in paths] == [f"step_{number:04d}.vtu", "history.csv", "steps.pvd", "summary.json"]
+        assert len(read_run(tmp_path)[2]) == number + 1
+        assert strict_json(tmp_path / "summary.json")["complete"] is False
+    writer.finish(a_result([a_step(k) for k in range(2)], tmp_path))  # as after Ctrl-C: all converged, but not all steps
+    assert strict_json(tmp_path / "summary.json")["complete"] is False
+    writer.finish(a_result([a_step(k) for k in range(3)], tmp_path))
+    assert strict_json(tmp_path / "summary.json")["complete"] is True
+
+
+def test_finish_returns_all_files_in_order_noted_ones_last(tmp_path: Path) -> None:
+    writer = a_writer(tmp_path)
+    writer.write_step(a_step(0), {})
+    writer.note(tmp_path / "curve.png")
+    names = [path.name for path in writer.finish(a_result([a_step(0)], tmp_path))]
+    assert names == ["summary.json", "history.csv", "steps.pvd", "mesh.vtu", "step_0000.vtu", "curve.png"]
+
+
+def test_files_of_an_earlier_run_go_and_those_of_the_user_stay(tmp_path: Path) -> None:
+    a_run(tmp_path, [a_step(0), a_step(1), a_step(2)])
+    for name in ("step_0002.png", "animation.gif", "curve.png", "notes.txt", "step_x.vtu", ".step_0001.vtu.77.tmp"):
+        (tmp_path / name).touch()
+    a_run(tmp_path, [a_step(0)])
+    held = {path.name for path in tmp_path.iterdir()}
+    assert held == {
+        "summary.json", "history.csv", "steps.pvd", "mesh.vtu", "step_0000.vtu", "notes.txt", "step_x.vtu",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["notes.txt", ".hidden"])
+def test_a_folder_that_is_no_run_is_refused_and_left_alone(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match=f"holds '{name}' .1 files in all. but no summary.json"):
+        a_writer(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("content", ["{}", "[]", "", '{"format": "other"}', "[" * 100_000])
+def test_somebody_elses_summary_does_not_make_a_folder_ours(tmp_path: Path, content: str) -> None:
+    (tmp_path / "summary.json").write_text(content, encoding="utf-8")
+    with pytest.raises(InputError, match="no summary.json of an earlier run"):
+        a_writer(tmp_path)
+    assert (tmp_path / "summary.json").read_text(encoding="utf-8") == content
+
+
+def test_a_file_in_the_way_of_the_folder_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="output folder cannot be read: Not a directory"):
+        a_writer(tmp_path / "file")
+    with pytest.raises(InputError, match="output folder cannot be made: Not a directory"):
+        a_writer(tmp_path / "file" / "below")
+
+
+def test_a_file_that_cannot_be_written_is_told_and_leaves_the_old_one(tmp_path: Path) -> None:
+    writer = a_writer(tmp_path)
+    writer.write_step(a_step(0), {})
+    shutil.rmtree(tmp_path)
+    with pytest.raises(InputError, match=r"step_0001.vtu: cannot be written: No such file or directory"):
+        writer.write_step(a_step(1), {})
+
+
+@pytest.mark.parametrize("stop", range(8))
+def test_an_interrupt_at_any_replacement_leaves_a_readable_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop: int
+) -> None:
+    """Two steps make eight replacements; Ctrl-C at each of them in turn."""
+    writer = a_writer(tmp_path)
+    done = []
+    real_replace = os.replace
+
+    def interrupted(source: Path, target: Path) -> None:
+        if len(done) == stop:
+            raise KeyboardInterrupt
+        done.append(target)
+        real_replace(source, target)
+
+    steps = [a_step(0), a_step(1)]
+    monkeypatch.setattr(output.os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        for step in steps:
+            writer.write_step(step, {})
+    monkeypatch.undo()
+    assert not list(tmp_path.glob(".*"))  # no temporary files
+    read = read_run(tmp_path)[2]
+    assert len(read) == stop // 4  # a step counts once its summary, the last of four files, is in place
+    assert all(same(a, b) for a, b in zip(steps, read, strict=False))
+    # What run() does next: hand over all steps that were computed, including one whose writing was cut short.
+    begun = steps[: stop // 4 + 1]
+    writer.finish(a_result(begun, tmp_path))
+    assert all(same(a, b) for a, b in zip(begun, read_run(tmp_path)[2], strict=True))
+    with (tmp_path / "history.csv").open(encoding="utf-8") as file:
+        assert len(list(csv.reader(file))) == 1 + len(begun)
+
+
+def test_a_kill_leaves_at_most_a_temporary_file_that_the_next_run_removes(tmp_path: Path) -> None:
+    script = """
+import os, sys
+from pathlib import Path
+from tests.test_output import a_step, a_writer
+from taichi_membrane import output
+writer = a_writer(Path(sys.argv[1]))
+writer.write_step(a_step(0), {})
+output.os.replace = lambda source, target: os._exit(9)
+writer.write_step(a_step(1), {})
+"""
+    root = Path(__file__).resolve().parent.parent
+    run = subprocess.run([sys.executable, "-c", script, str(tmp_path)], cwd=root, check=False)
+    assert run.returncode == 9
+    assert [path.name.split(".")[1] for path in tmp_path.glob(".*")] == ["step_0001"]
+    assert same(read_run(tmp_path)[2][0], a_step(0))
+    a_run(tmp_path, [a_step(2)])
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_kill_before_the_first_summary_does_not_lock_the_folder(tmp_path: Path) -> None:
+    (tmp_path / ".summary.json.4711.tmp").touch()
+    a_run(tmp_path, [a_step(0)])
+    assert not list(tmp_path.glob(".*"))
+
+
+def damage(directory: Path, change: str) -> None:
+    """Break one thing in a run."""
+    summary_path = directory / "summary.json"
+    summary = json.loads(summary_path.read_text(encoding="utf-8"))
+    step = directory / "step_0000.vtu"
+    if change == "no summary":
+        summary_path.unlink()
+        return
+    if change == "half a summary":
+        summary_path.write_bytes(summary_path.read_bytes()[:300])
+        return
+    if change == "no step file":
+        step.unlink()
+    elif change == "half a step file":
+        step.write_bytes(step.read_bytes()[: step.stat().st_size // 2])
+    elif change == "another mesh's step":
+        other = meshio.Mesh(MESH.points[:3], [("triangle", np.array([[0, 1, 2]]))], {"displacement": np.zeros((3, 3))})
+        other.write(step)
+    elif change == "no mesh":
+        (directory / "mesh.vtu").unlink()
+    elif change == "foreign":
+        summary["format"] = "something else"
+    elif change == "newer":
+        summary["format_version"] = 99
+    elif change == "no steps":
+        del summary["steps"]
+    elif change == "bad scene":
+        summary["scene"]["fabric"]["thickness"] = -1
+    elif change == "no number":
+        del summary["steps"][0]["number"]
+    elif change == "path out of the folder":
+        shutil.move(step, directory.parent / "step_0000.vtu")
+        summary["steps"][0]["file"] = "../step_0000.vtu"
+    summary_path.write_text(json.dumps(summary), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ("no summary", "run: not the folder of a run: it has no summary.json"),
+        ("half a summary", "summary.json: damaged, not valid JSON"),
+        ("no step file", "step_0000.vtu: this file of the run is missing"),
+        ("half a step file", "step_0000.vtu: damaged: "),
+        ("another mesh's step", "step_0000.vtu: damaged: no array 'strain_warp'"),
+        ("no mesh", "mesh.vtu: this file of the run is missing"),
+        ("foreign", "summary.json: not the summary of a run of this program"),
+        ("newer", "summary.json: format version 99, but this program reads version 1"),
+        ("no steps", "summary.json: damaged: no list of load steps"),
+        ("bad scene", "summary.json: damaged scene: fabric.thickness: -1 must be above 0"),
+        ("no number", "summary.json: damaged load step: KeyError: 'number'"),
+        ("path out of the folder", "step_0000.vtu: this file of the run is missing"),
+    ],
+)
+def test_a_damaged_run_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, expected: str
+) -> None:
+    directory = tmp_path / "run"
+    a_run(directory, [a_step(0)])
+    damage(directory, change)
+    with pytest.raises(InputError) as caught:
+        read_run(directory)
+    assert str(directory) in str(caught.value)
+    assert expected in str(caught.value)
+    assert capsys.readouterr() == ("", "")  # meshio prints its complaints
+
+
+def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="none: there is no such folder"):
+        read_run(tmp_path / "none")
