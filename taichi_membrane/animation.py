@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 from taichi_membrane.errors import InputError
@@ -39,12 +41,7 @@ def write_animation(pngs: Sequence[Path], path: Path, *, frame_seconds: float = 
         width = min(WIDEST, picture.width)
         picture = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
         frames.append(picture)
-    # One palette from all frames: colours must not flicker from frame to frame.
-    small = (max(1, frames[0].width // 2), max(1, frames[0].height // 2))
-    strip = Image.new("RGB", (small[0], small[1] * len(frames)))
-    for number, frame in enumerate(frames):
-        strip.paste(frame.resize(small, Image.Resampling.NEAREST), (0, number * small[1]))
-    palette = strip.quantize(256, method=Image.Quantize.MEDIANCUT)
+    palette = _palette(frames)
     indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     durations = [round(1000 * frame_seconds)] * len(frames)
     durations[-1] *= LAST_FRAME_FACTOR
@@ -62,3 +59,20 @@ def write_animation(pngs: Sequence[Path], path: Path, *, frame_seconds: float = 
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _palette(frames: Sequence[Image.Image]) -> Image.Image:
+    """256 colours for all frames, lest colours flicker; by the root of their frequency, lest lines and arrows lose theirs."""
+    counted: Counter[int] = Counter()
+    for frame in frames:
+        red, green, blue = np.asarray(frame)[::2, ::2].reshape(-1, 3).astype(np.int64).T
+        colours, counts = np.unique(red << 16 | green << 8 | blue, return_counts=True)
+        counted.update(dict(zip(colours.tolist(), counts.tolist(), strict=True)))
+    colours = np.array(sorted(counted))
+    repeated = np.repeat(colours, [max(1, round(counted[colour] ** 0.5)) for colour in colours.tolist()])
+    strip = np.stack((repeated >> 16, repeated >> 8 & 255, repeated & 255), axis=-1).astype(np.uint8)
+    palette = Image.fromarray(strip[None]).quantize(256, method=Image.Quantize.MEDIANCUT)
+    entries = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
+    entries[entries.min(axis=1) > 244] = 255  # the page stays white: Pillow looks colours up in boxes of 4 levels
+    palette.putpalette(entries.tobytes())
+    return palette

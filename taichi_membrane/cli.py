@@ -57,15 +57,21 @@ SetOption = Annotated[
 ]
 
 
+def _print_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"taichi-membrane {version('taichi-membrane')}")
+        raise typer.Exit
+
+
 @app.callback()
 def _options(
-    version: Annotated[bool, typer.Option("--version", is_eager=True, help="Print the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
 ) -> None:
-    if version:
-        from importlib.metadata import version as installed
-
-        typer.echo(f"taichi-membrane {installed('taichi-membrane')}")
-        raise typer.Exit
+    """Options of the command itself; the app's help text stands above."""
 
 
 @app.command()
@@ -143,8 +149,8 @@ def render(
     azimuth: Annotated[float | None, typer.Option(help="Degrees about z.")] = None,
     elevation: Annotated[float | None, typer.Option(min=-90, max=90, help="Degrees above the xy plane.")] = None,
     projection: Annotated[Literal["perspective", "orthographic"] | None, typer.Option()] = None,
-    width: Annotated[int | None, typer.Option(min=64, max=8192, help="Pixels.")] = None,
-    height: Annotated[int | None, typer.Option(min=64, max=8192, help="Pixels.")] = None,
+    width: Annotated[int | None, typer.Option(min=240, max=8192, help="Pixels.")] = None,
+    height: Annotated[int | None, typer.Option(min=160, max=8192, help="Pixels.")] = None,
     outline: Annotated[bool | None, typer.Option("--outline/--no-outline", help="The unstressed shape.")] = None,
     loads: Annotated[bool | None, typer.Option("--loads/--no-loads", help="Arrows at loads.")] = None,
     supports: Annotated[bool | None, typer.Option("--supports/--no-supports", help="Marks at supports.")] = None,

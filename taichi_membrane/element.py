@@ -64,3 +64,22 @@ def side_stiffness_bound(row_sum, side_force, length, rest_length, pressure, gre
     if ti.static(green):
         bound = row_sum * (length / rest_length) ** 2 + ti.abs(side_force) / rest_length
     return bound + ti.abs(pressure) * length / 12.0
+
+
+@ti.func
+def side_curvature(side_force, side, length, factor, green: ti.template()):
+    """T ∂²δ/∂x² of a side (eq. 11): T/l (I - c cᵀ) for the engineering extension, T/L I for Green's."""
+    stiffness = ti.Matrix.identity(float, 3)
+    if ti.static(not green):
+        stiffness -= side.outer_product(side) / length**2
+    return side_force * factor * stiffness
+
+
+@ti.func
+def pressure_stiffness(pressure, side_m, side_n):
+    """Symmetric part of -∂f_m/∂x_n of follower pressure, -p/12 [s_n - s_m]×, for two corners m ≠ n and their opposite sides.
+
+    The triangle's own -p/6 [s_n]× is not symmetric; summed over a closed surface, or one whose rim is held, the skew parts cancel.
+    """
+    v = (side_m - side_n) * (pressure / 12.0)
+    return ti.Matrix([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -86,18 +86,26 @@ def wrinkle_direction_root(m, d, h, eta):
 
 
 @ti.func
+def wrinkle_direction(m, d, h, eta, orthotropic: ti.template()):
+    """Cosine and sine of the scaled double angle φ of the tension in a wrinkled triangle."""
+    radius = ti.sqrt(d * d + h * h)  # above zero: equal principal strains are either taut or slack
+    cosine, sine = d / radius, h / radius
+    if ti.static(orthotropic):
+        t = wrinkle_direction_root(m, ti.abs(d), ti.abs(h), eta)
+        scale = 1.0 / (1.0 + t * t)
+        cosine = ti.select(d < 0.0, -1.0, 1.0) * (1.0 - t * t) * scale
+        sine = ti.select(h < 0.0, -1.0, 1.0) * 2.0 * t * scale
+    return cosine, sine
+
+
+@ti.func
 def wrinkled_stress(strain, f, orthotropic: ti.template()):
     """Uniaxial stress of the tension field and its energy density, for a strain known to be wrinkled."""
     a, b, c = f.root_warp * strain[0], f.root_weft * strain[1], f.root_shear * strain[2]
     m, d, h = 0.5 * (a + b), 0.5 * (a - b), 0.5 * c
-    radius = ti.sqrt(d * d + h * h)
-    cosine, sine = d / radius, h / radius  # radius > 0: equal principal strains are either taut or slack
+    cosine, sine = wrinkle_direction(m, d, h, f.eta, orthotropic)
     compliance = 0.0 * m + 1.0
     if ti.static(orthotropic):
-        t = wrinkle_direction_root(m, ti.abs(d), ti.abs(h), f.eta)
-        scale = 1.0 / (1.0 + t * t)
-        cosine = ti.select(d < 0.0, -1.0, 1.0) * (1.0 - t * t) * scale
-        sine = ti.select(h < 0.0, -1.0, 1.0) * 2.0 * t * scale
         compliance = 1.0 + f.eta * sine * sine
     stretch = m + d * cosine + h * sine
     tension = ti.max(stretch, 0.0) / compliance
@@ -170,3 +178,48 @@ def fold_strain(strain, stress, f):
             f.compliance_shear * stress[2] - strain[2],
         ]
     )
+
+
+@ti.func
+def wrinkled_tangent(strain, f, orthotropic: ti.template()):
+    """Consistent tangent ∂σ/∂ε (3×3, symmetric, positive semi-definite) of a wrinkled tension field.
+
+    With W = max over φ of ½ n²/c (n the scaled strain along φ, c its compliance), ∂σ/∂ε = W_εε - W_εφ⊗W_εφ / W_φφ, where
+    W_φφ < 0 at the maximum.
+    """
+    a, b, g = f.root_warp * strain[0], f.root_weft * strain[1], f.root_shear * strain[2]
+    m, d, h = 0.5 * (a + b), 0.5 * (a - b), 0.5 * g
+    cosine, sine = wrinkle_direction(m, d, h, f.eta, orthotropic)
+    compliance, relative_slope, relative_curvature = 0.0 * m + 1.0, 0.0 * m, 0.0 * m
+    if ti.static(orthotropic):
+        compliance = 1.0 + f.eta * sine * sine
+        relative_slope = 2.0 * f.eta * sine * cosine / compliance
+        relative_curvature = 2.0 * f.eta * (cosine * cosine - sine * sine) / compliance
+    stretch = m + d * cosine + h * sine
+    along = ti.Vector(
+        [f.root_warp * 0.5 * (1.0 + cosine), f.root_weft * 0.5 * (1.0 - cosine), f.root_shear * 0.5 * sine]
+    )
+    turning = ti.Vector([-0.5 * f.root_warp * sine, 0.5 * f.root_weft * sine, 0.5 * f.root_shear * cosine])
+    mixed = turning - 0.5 * relative_slope * along
+    # W_φφ over n²/c; the stretch n is positive in the wrinkled state.
+    bending = 0.25 * relative_slope**2 - (stretch - m) / stretch - 0.5 * relative_curvature
+    return (along.outer_product(along) - mixed.outer_product(mixed) / bending) / compliance
+
+
+@ti.func
+def elastic_tangent(f):
+    """C as a 3×3 matrix."""
+    return ti.Matrix([[f.c11, f.c12, 0.0], [f.c12, f.c22, 0.0], [0.0, 0.0, f.c33]])
+
+
+@ti.func
+def tangent(strain, f, law: ti.template(), orthotropic: ti.template()):
+    """Consistent tangent ∂σ/∂ε under the linear law or the tension field (the clipped law has no symmetric one)."""
+    result = elastic_tangent(f)
+    if ti.static(law == "tension_field"):
+        _, _, state = tension_field(strain, f, orthotropic)
+        if state == WRINKLED:
+            result = wrinkled_tangent(strain, f, orthotropic)
+        elif state == SLACK:
+            result = 0.0 * result
+    return result

@@ -180,8 +180,8 @@ class Page:
             right, up, towards = self.camera.axes[:, k]
             x, y = x0 + 58.0 * self.unit * right, y0 - 58.0 * self.unit * up
             length = float(np.hypot(right, up))
-            if length > 0.2:
-                self.arrow((x0, y0), (x, y), colour=AXIS_COLOURS[k], width=2.6, head=11.0)
+            if length > 0.35:
+                self.arrow((x0, y0), (x, y), colour=AXIS_COLOURS[k], width=2.6, head=min(11.0, 26.0 * length))
                 gap = 17.0 * self.unit / length
                 x, y = x + gap * right, y - gap * up
             else:  # along the line of sight: a dot when it points to the viewer, a ring when away
@@ -232,8 +232,8 @@ class Page:
 
     def label_beyond(
         self, places: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], words: str, *, colour: str
-    ) -> int:
-        """Text at the free end of an arrow; returns the number of the place taken.
+    ) -> None:
+        """Text at the free end of an arrow.
 
         ``places`` are alternative positions (free end, loaded end) in order of preference. Taken is the first where the text,
         beyond the end or beside it, is on the page and clear of all other text; if there is none, the first.
@@ -243,19 +243,28 @@ class Page:
         extent = text.get_window_extent(self.canvas.get_renderer())
         half = 0.5 * np.array((extent.width, extent.height)) + 10.0 * self.unit
         page = np.array((self.width, self.height), np.float64)
-        options: list[tuple[int, NDArray[np.float64]]] = []
-        for number, (free, loaded) in enumerate(places):
+        options = []
+        for free, loaded in places:
             outwards = free - loaded
             way = outwards / np.hypot(*outwards) if np.any(outwards) else np.array((0.0, -1.6))
-            beyond = way * np.min(half / np.abs(way).clip(1e-9))
-            options += [
-                (number, free + shift) for shift in (beyond, np.array((half[0], 0.0)), np.array((-half[0], 0.0)))
-            ]
-        number, spot = next((option for option in options if self._is_free(option[1], half)), options[0])
+            beyond = free + way * (np.min(half / np.abs(way).clip(1e-9)) + 2.0 * self.unit)
+            on_page = np.clip(beyond, half, page - half)  # pushed back a little it still stands beyond the end
+            options.append(on_page if (np.abs(on_page - beyond) < 0.6 * half).all() else beyond)
+        for free, _ in places:
+            options += [free + np.array((side * (half[0] + 2.0 * self.unit), 0.0)) for side in (1.0, -1.0)]
+        spot = next((option for option in options if self._is_free(option, half)), options[0])
         spot = np.clip(spot, half, page - half)
         text.set_position((float(spot[0]), float(spot[1])))
         self._taken.append(Bbox((spot - half, spot + half)))
-        return number
+
+    def keep_clear(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> None:
+        """No label shall stand on the box with these two corners."""
+        self._taken.append(Bbox((np.minimum(start, end), np.maximum(start, end))))
+
+    def hits_text(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
+        """Whether the box with these two corners meets anything that is to be kept clear."""
+        box = Bbox((np.minimum(start, end), np.maximum(start, end)))
+        return any(box.overlaps(other) for other in self._taken)
 
     def _is_free(self, spot: NDArray[np.float64], half: NDArray[np.float64]) -> bool:
         low, high = spot - half, spot + half

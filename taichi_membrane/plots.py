@@ -80,7 +80,7 @@ def draw_curve(
         suffix, or a label that cannot be typeset.
     """
     _check(path, series, lines, marks)
-    figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12))
+    figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.07))
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     _prepare(axes, x_label, y_label, title)

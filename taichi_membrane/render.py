@@ -20,8 +20,9 @@ from PIL import Image
 from taichi_membrane import raster
 from taichi_membrane.animation import write_animation
 from taichi_membrane.camera import VIEWER_DISTANCE, Camera, Projection, fit_camera, furniture_scale
-from taichi_membrane.furniture import INK, LOAD, OUTLINE, SUPPORT, ColourBar, Page
+from taichi_membrane.furniture import INK, OUTLINE, SUPPORT, ColourBar, Page
 from taichi_membrane.names import SLACK, TAUT, WRINKLED
+from taichi_membrane.symbols import draw_loads, draw_supports
 from taichi_membrane.wrinkle_lines import wrinkle_lines
 
 __all__ = ["Camera", "Frame", "Look", "draw_frame", "fit_camera", "write_animation"]
@@ -304,9 +305,11 @@ def _draw_over_surface(
         dark = [_brightness(pixels.colour, line) < 85.0 for line in lines]
         page.lines(lines, colours=["white" if d else INK for d in dark], width=1.8, capstyle="butt")
     if look.show_supports and len(frame.supports):
-        _draw_supports(page, frame, pixels, scale, screen)
+        nodes = screen[np.asarray(frame.supports, dtype=np.int64)]
+        nearness = scale.nearness(nodes[:, 2]) + 0.02 / scale.radii  # the mark stands on the surface, not in it
+        draw_supports(page, nodes[:, :2], nearness, pixels.nearness)
     if look.show_loads:
-        _draw_loads(page, frame, camera, pixels)
+        draw_loads(page, frame.arrows, pixels.nearness >= 0)
 
 
 def _brightness(colour: NDArray[np.uint8], line: Floats) -> float:
@@ -315,66 +318,14 @@ def _brightness(colour: NDArray[np.uint8], line: Floats) -> float:
     return float((colour[y, x] @ np.array((0.30, 0.59, 0.11))).mean())
 
 
-def _draw_supports(page: Page, frame: Frame, pixels: raster.Pixels, scale: _DepthScale, screen: Floats) -> None:
-    """A triangle under each supported node that is seen, a faint one where it is hidden; none on top of another."""
-    nodes = screen[np.asarray(frame.supports, dtype=np.int64)]
-    inside = (nodes[:, 0] >= 0) & (nodes[:, 0] < page.width) & (nodes[:, 1] >= 0) & (nodes[:, 1] < page.height)
-    nodes = nodes[inside]
-    x, y = nodes[:, 0].astype(int), nodes[:, 1].astype(int)
-    seen = scale.nearness(nodes[:, 2]) >= pixels.nearness[y, x] - 0.02 / scale.radii
-    for visible in (False, True):
-        group = _thinned(nodes[seen == visible, :2], 16.0 * page.unit)
-        page.axes.plot(
-            group[:, 0], group[:, 1] + 5.0 * page.unit, "^", ms=page.points(13.0), mfc=SUPPORT if visible else "none",
-            mec="white" if visible else SUPPORT, mew=page.points(0.9), alpha=1.0 if visible else 0.3,
-            zorder=5 if visible else 4,
-        )  # fmt: skip
-
-
-def _thinned(points: Floats, apart: float) -> Floats:
-    """Some of the points (n, 2), no two nearer than ``apart``; the first ones win."""
-    kept: list[Floats] = []
-    for point in points:
-        if not kept or np.hypot(*(np.array(kept) - point).T).min() >= apart:
-            kept.append(point)
-    return np.array(kept).reshape(-1, 2)
-
-
-def _draw_loads(page: Page, frame: Frame, camera: Camera, pixels: raster.Pixels) -> None:
-    """Arrows of one length, with tip or tail at the loaded point, whichever hides less; each label once."""
-    length = 100.0 * page.unit
-    labelled = set()
-    for origin, direction, label in frame.arrows:
-        at = camera.project(np.asarray(origin, dtype=np.float64)[None])[0, :2]
-        along = camera.axes[:2] @ np.asarray(direction, dtype=np.float64) * (1.0, -1.0)
-        along *= length / max(float(np.linalg.norm(direction)), 1e-300)
-        end_on = np.hypot(*along) < 0.2 * length
-        if end_on:
-            page.arrow_end_on(at, towards=float(camera.axes[2] @ direction) > 0.0, colour=LOAD)
-            ends = [(at, at)]
-        else:
-            ends = sorted(((at, at + along), (at - along, at)), key=lambda pair: _covered(pixels, *pair))
-        wanted = label if label not in labelled else ""
-        labelled.add(label)
-        places = [(free, loaded) for free, loaded in ((b, a) if a is at else (a, b) for a, b in ends)]
-        chosen = page.label_beyond(places, wanted, colour=LOAD)
-        if not end_on:
-            page.arrow(*ends[chosen], colour=LOAD, width=3.4, head=16.0)
-
-
-def _covered(pixels: raster.Pixels, tail: Floats, tip: Floats) -> int:
-    """How much of the surface a line would hide."""
-    height, width = pixels.nearness.shape
-    x, y = np.linspace(tail, tip, 24)[1:-1].T.astype(int)
-    return int((pixels.nearness[y.clip(0, height - 1), x.clip(0, width - 1)] >= 0).sum())
-
-
 def _legend_rows(
     page: Page, frame: Frame, look: Look, shares: tuple[float, float, float]
 ) -> list[tuple[str, dict[str, object]]]:
     rows: list[tuple[str, dict[str, object]]] = []
     if look.show_directions and shares[WRINKLED] > 0.0:
         rows.append(("wrinkle direction", {"color": INK, "lw": page.points(1.8)}))
+        if look.field == "scalar":
+            rows.append(("border of the wrinkled zone", {"color": INK, "lw": page.points(1.8), "alpha": 0.55}))
     if look.show_outline:
         rows.append(("undeformed outline", {"color": OUTLINE, "lw": page.points(1.8), "dashes": (5.0, 3.0)}))
     if look.show_supports and len(frame.supports):

@@ -8,11 +8,12 @@ the platform has it, so that a disagreement in the last digits of double precisi
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.floating]
+Floats = NDArray[Any]  # double, or the platform's extended precision
 Ints = NDArray[np.int32]
 
 TAUT, WRINKLED, SLACK = 0, 1, 2
@@ -75,13 +76,13 @@ def best_direction(strain: Floats, moduli: Floats) -> tuple[Floats, Floats]:
     """Angle and energy of max over α of ½ E(α)⟨e(α)⟩²: a fine scan, then bisection of the derivative's sign."""
     strain = np.asarray(strain, dtype=np.longdouble)
     s = compliance(moduli)
-    tangents = np.concatenate([np.logspace(-7, 7, 1401), np.tan(np.linspace(0.001, 1.57, 900))])
-    half = np.sort(np.arctan(tangents))
-    scan = np.concatenate([-half[::-1], [0.0], half, [np.pi / 2]]).astype(np.longdouble)
+    half = np.sort(np.concatenate([np.arctan(np.logspace(-7, 7, 421)), np.linspace(0.01, 1.56, 200)]))
+    scan = np.concatenate([-half[::-1], [0.0], half, [np.pi / 2]])
     unit = uniaxial(scan)
-    stretch = np.maximum(strain @ unit.T, 0)
-    along = np.einsum("ki,nij,kj->nk", unit, s, unit, optimize=True)
+    stretch = np.maximum(strain.astype(np.float64) @ unit.T, 0)
+    along = np.einsum("ki,nij,kj->nk", unit, s.astype(np.float64), unit, optimize=True)
     k = np.argmax(stretch**2 / along, axis=1)
+    scan = scan.astype(np.longdouble)
     period = np.longdouble(np.pi)
     low = np.where(k > 0, scan[k - 1], scan[-2] - period)
     high = np.where(k < len(scan) - 1, scan[(k + 1) % len(scan)], scan[0] + period)
@@ -132,7 +133,9 @@ def random_moduli(rng: np.random.Generator, count: int) -> Floats:
     ratio = 10 ** rng.uniform(-5, 5, count)
     scale = 10 ** rng.uniform(-2, 2, count)
     e1, e2 = scale * np.sqrt(ratio), scale / np.sqrt(ratio)
-    return np.stack([e1, e2, rng.uniform(-0.95, 0.95, count) * np.sqrt(ratio), scale * 10 ** rng.uniform(-6, 1, count)], 1)
+    return np.stack(
+        [e1, e2, rng.uniform(-0.95, 0.95, count) * np.sqrt(ratio), scale * 10 ** rng.uniform(-6, 1, count)], 1
+    )
 
 
 def manufactured(rng: np.random.Generator, moduli: Floats, state: int) -> tuple[Floats, Floats]:
@@ -206,7 +209,7 @@ def deformation_gradient(corners: Floats, moved: Floats, direction: Floats) -> t
 
 
 def triangle_forces(
-    corners: Floats, moved: Floats, direction: Floats, stress: Floats, thickness: Floats, *, green: bool
+    corners: Floats, moved: Floats, direction: Floats, stress: Floats, thickness: float, *, green: bool
 ) -> Floats:
     """(n, 3, 3) forces on the corners that a stress in fabric axes exerts: minus its virtual work per corner displacement."""
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

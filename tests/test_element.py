@@ -29,7 +29,14 @@ def orthotropic(
     """A fabric from (E_warp, E_weft, ν, G)."""
     a, b, nu, g = (float(x) for x in moduli)
     return FabricConstants(
-        e_warp=a, e_weft=b, poisson=nu, shear=g, thickness=thickness, law=law, side_strain=side_strain, prestress=prestress
+        e_warp=a,
+        e_weft=b,
+        poisson=nu,
+        shear=g,
+        thickness=thickness,
+        law=law,
+        side_strain=side_strain,
+        prestress=prestress,
     )
 
 
@@ -64,7 +71,9 @@ class Body:
         return stress, force
 
 
-def joined(parts: list[tuple[Floats, Ints, Floats, FabricConstants, int]], *, loads: bool) -> tuple[list[Body], Structure]:
+def joined(
+    parts: list[tuple[Floats, Ints, Floats, FabricConstants, int]], *, loads: bool
+) -> tuple[list[Body], Structure]:
     """One structure of separate parts (points, triangles, warp, fabric, chamber)."""
     bodies: list[Body] = []
     node = tri = 0
@@ -269,7 +278,7 @@ def patches(runtime_cpu: Runtime) -> tuple[list[Body], Membrane]:
     for number, (row, (law, side, _)) in enumerate(zip(moduli, KINDS, strict=True)):
         points, triangles, _ = oracle.irregular_patch(np.random.default_rng(12))
         warp = np.tile(rng.normal(size=3), (len(triangles), 1))
-        parts.append((points + [0, 0, 10.0 * number], triangles, warp, orthotropic(row, law, side), -1))
+        parts.append((points + np.array([0, 0, 10.0 * number]), triangles, warp, orthotropic(row, law, side), -1))
     bodies, structure = joined(parts, loads=False)
     return bodies, Membrane(structure)
 

@@ -13,7 +13,9 @@ from PIL import Image
 from taichi_membrane import raster, render
 from taichi_membrane.camera import VIEWER_DISTANCE, Projection
 from taichi_membrane.errors import InputError
+from taichi_membrane.furniture import Page
 from taichi_membrane.render import Camera, Frame, Look, draw_frame, fit_camera, write_animation
+from taichi_membrane.symbols import draw_loads
 from taichi_membrane.wrinkle_lines import wrinkle_lines
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
@@ -466,6 +468,23 @@ def test_hidden_supports_are_faint_and_loads_are_drawn(tmp_path: Path) -> None:
     assert (plain != held).any()
     end_on = (np.array([4.0, 0.0, 0.0]), camera.axes[2], "F")
     assert (plain != _image(replace(frame, arrows=(end_on,)), tmp_path / "d.png", look, camera)).any()
+
+
+@pytest.mark.parametrize("count", [1, 90])
+def test_label_of_loads_hits_neither_arrows_nor_other_text(count: int) -> None:
+    """Loads on top of a tube whose upper edge is near the title."""
+    camera = _camera(_cantilever())
+    page = Page(np.full((SIZE[1], SIZE[0], 3), 255, np.uint8), camera)
+    page.title("A title that is long enough to reach over", "and a subtitle")
+    origins = [np.array([0.5 + 3.0 * k / count, 0.0, 0.5]) for k in range(count)]
+    arrows = [(origin, np.array([0.0, 0.0, -1.0]), "F = 12 N") for origin in origins]
+    draw_loads(page, arrows, np.zeros((SIZE[1], SIZE[0]), bool))
+    boxes = page._taken
+    assert len(boxes) >= 4  # title, subtitle, arrows, label; of arrows that would touch, some are left out
+    assert not any(boxes[-1].overlaps(other) for other in boxes[:-1])
+    assert boxes[-1].x0 >= 0
+    assert boxes[-1].x1 <= SIZE[0]
+    assert len(boxes) < 50
 
 
 def test_outline_of_the_undeformed_shape_lies_on_its_silhouette() -> None:

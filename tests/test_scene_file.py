@@ -230,8 +230,8 @@ def test_a_scene_is_found_by_path_and_by_shipped_name(path: Path, monkeypatch: p
     assert resolve_scene("strip.toml") == Path("strip.toml")
     (path.parent / "cantilever").mkdir()  # a folder of that name, such as an earlier run's, does not hide the scene
     assert resolve_scene("cantilever") == shipped_scenes()["cantilever"]
-    with pytest.raises(InputError, match="^cantilver: no such scene file, .* did you mean 'cantilever'"):
+    with pytest.raises(InputError, match=r"^cantilver: no such scene file, .* did you mean 'cantilever'"):
         resolve_scene("cantilver")
     (path.parent / "folder").mkdir()
-    with pytest.raises(InputError, match="^folder: a scene file is needed, this is a folder$"):
+    with pytest.raises(InputError, match=r"^folder: a scene file is needed, this is a folder$"):
         resolve_scene("folder")
