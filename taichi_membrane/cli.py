@@ -219,7 +219,7 @@ def _camera(camera: Camera, changes: dict[str, Any]) -> Camera:
 def _console(*, stderr: bool = False) -> Console:
     from rich.console import Console
 
-    return Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    return Console(stderr=stderr, highlight=False)
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ import taichi as ti
 
 from taichi_membrane import runtime
 from taichi_membrane.membrane import Membrane
+from taichi_membrane.preparation import Floats
 
 RUNNING, CONVERGED, NOT_FINITE = 0, 1, 2
 
@@ -207,6 +208,11 @@ class Relaxation:
         self.start_from_rest()
         self.control[None].status = CONVERGED
         self._iterate(1.0, 1.0)
+
+    def masses(self) -> Floats:
+        """(node_count,) fictitious masses at the present displacements; twice a mass bounds the stiffness at its node."""
+        self._refresh_mass(0)
+        return self.node_mass.to_numpy().astype(np.float64)
 
     def start_from_rest(self) -> None:
         """Forget velocities and energy history."""

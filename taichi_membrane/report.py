@@ -45,7 +45,7 @@ def print_run(console: Console, result: RunResult) -> None:
         _print_table(console, check_columns(result.scene, result.checks))
         print_failed_checks(console, result)
         held = sum(check.passed for check in result.checks)
-        console.print(f"{held} of {len(result.checks)} checks hold", highlight=False)
+        _print_plain(console, f"{held} of {len(result.checks)} checks hold")
     console.print()
     spent = ", ".join(f"{phase} {seconds:.1f} s" for phase, seconds in result.seconds.items())
     real = result.provenance

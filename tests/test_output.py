@@ -380,6 +380,10 @@ def damage(directory: Path, change: str) -> None:
     elif change == "another mesh's step":
         other = meshio.Mesh(MESH.points[:3], [("triangle", np.array([[0, 1, 2]]))], {"displacement": np.zeros((3, 3))})
         other.write(step)
+    elif change == "array of another width":
+        content = meshio.read(step)
+        content.cell_data["stress_warp"] = [np.zeros((MESH.tri_count, 2))]
+        content.write(step)
     elif change == "no mesh":
         (directory / "mesh.vtu").unlink()
     elif change == "foreign":
@@ -406,6 +410,7 @@ def damage(directory: Path, change: str) -> None:
         ("no step file", "step_0000.vtu: this file of the run is missing"),
         ("half a step file", "step_0000.vtu: damaged: "),
         ("another mesh's step", "step_0000.vtu: damaged: no array 'strain_warp'"),
+        ("array of another width", "step_0000.vtu: damaged: array 'stress_warp' is (12, 2), but (12,) is expected"),
         ("no mesh", "mesh.vtu: this file of the run is missing"),
         ("foreign", "summary.json: not the summary of a run of this program"),
         ("newer", "summary.json: format version 99, but this program reads version 1"),

@@ -99,9 +99,9 @@ def test_overrides_reach_tables_lists_by_name_and_by_number_and_make_missing_tab
 
 
 def test_a_later_override_wins_and_a_line_break_smuggles_nothing_in(path: Path) -> None:
-    scene = load_scene(path, ["title=one", 'title=two"\nname = "other'])
+    scene = load_scene(path, ["title=one", 'title="two"\nname = "other"'])
     assert scene.name == "strip"
-    assert scene.title == 'two"\nname = "other'
+    assert scene.title == '"two"\nname = "other"'
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,168 @@
+"""Newton's method on the relaxed potential energy: the full-matrix counterpart of relaxation, on the same fields.
+
+Each iteration assembles residual and tangent, factorises, and backtracks on the potential energy along the step. Where the tangent is
+not positive definite (flat, slack, buckling) a multiple of the relaxation's fictitious masses is added until it is; the shift is withdrawn as
+full steps succeed. With no shift and full steps the convergence is quadratic.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import linalg
+
+from taichi_membrane.membrane import Membrane
+from taichi_membrane.preparation import Floats
+from taichi_membrane.relaxation import Progress, Relaxation, SolveRecord
+from taichi_membrane.tangent import Pattern, Tangent
+
+# Shifts are multiples of the fictitious stiffness 2 M, which bounds the true one: a shift of 1 makes any tangent definite.
+_SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-8, 2.0
+_SHIFT_FACTOR = 10.0
+# Armijo's share of the predicted decrease, and the shortest step tried before the shift is raised.
+_DECREASE, _SHORTEST = 1e-4, 1 / 64
+# Energies agree to this share when round-off alone separates them; the residual then decides.
+_ENERGY_NOISE = 1e-13
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factorised symmetric matrix.
+
+    :param negative: number of negative pivots, by Sylvester's law the number of negative eigenvalues.
+    """
+
+    solve: Callable[[Floats], Floats]
+    negative: int
+
+
+def factorise(pattern: Pattern, values: Floats, diagonal: Floats | None = None) -> Factor | None:
+    """Factorise the matrix with the given lower-triangle values, with ``diagonal`` added; None when it is singular.
+
+    SuperLU in its symmetric mode: minimum degree order of the pattern, diagonal pivots.
+    """
+    lower = sparse.csc_matrix((values, pattern.row, pattern.column_start), shape=(pattern.size, pattern.size))
+    full = lower + sparse.tril(lower, -1).T
+    if diagonal is not None:
+        full = full + sparse.diags(diagonal)
+    try:
+        factor = linalg.splu(
+            full.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+    except RuntimeError:  # SuperLU's word for an exactly singular matrix
+        return None
+    pivots = factor.U.diagonal()
+    if not np.all(np.isfinite(pivots)):
+        return None
+    return Factor(solve=factor.solve, negative=int((pivots < 0.0).sum()))
+
+
+class Newton:
+    """Newton's method for one membrane; shares its fields with a relaxation, whose masses scale the shift."""
+
+    def __init__(self, membrane: Membrane, relaxation: Relaxation) -> None:
+        self.membrane = membrane
+        self.relaxation = relaxation
+        self.tangent = Tangent(membrane)
+        dof = self.tangent.pattern.node_dof
+        self.free: NDArray[np.bool_] = dof >= 0
+        self.shift = 0.0
+
+    def compile(self) -> None:
+        """Compile the assembly kernels."""
+        self.tangent.assemble()
+
+    def solve(
+        self,
+        *,
+        tolerance: float,
+        reference: float,
+        loads: Floats,
+        max_iterations: int,
+        report: Callable[[Progress], None] | None = None,
+    ) -> SolveRecord:
+        """Iterate from the present displacements until the residual is below ``tolerance`` times ``reference``.
+
+        :param loads: (node_count, 3) dead nodal forces, for the potential energy.
+        """
+        started = time.perf_counter()
+        self.shift = 0.0
+        position = self.membrane.displacement()
+        energy = self.membrane.potential_energy(loads)[0]
+        residual, reason, iteration = np.inf, "iteration limit", 0
+        for iteration in range(max_iterations + 1):
+            force = self.membrane.out_of_balance()[self.free]
+            residual = float(np.linalg.norm(force)) / reference
+            if report is not None:
+                report(Progress(iteration=iteration, residual=residual, seconds=time.perf_counter() - started))
+            if not np.isfinite(residual) or not np.isfinite(energy):
+                reason = "not finite"
+                break
+            if residual <= tolerance:
+                reason = "residual"
+                break
+            if iteration == max_iterations:
+                break
+            found = self._step(position, energy, force, loads)
+            if found is None:
+                reason = "no descent"
+                break
+            position, energy = found
+        return SolveRecord(
+            converged=reason == "residual",
+            reason=reason,
+            iterations=iteration,
+            residual=residual,
+            peaks=0,
+            seconds=time.perf_counter() - started,
+        )
+
+    def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
+        """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""
+        values = self.tangent.assemble()
+        bound = 2.0 * np.repeat(self.relaxation.masses(), 3).reshape(-1, 3)[self.free]
+        while self.shift <= _LARGEST_SHIFT:
+            factor = factorise(self.tangent.pattern, values, self.shift * bound if self.shift > 0.0 else None)
+            if factor is not None and factor.negative == 0:
+                direction = factor.solve(force)
+                found = self._backtrack(position, energy, force, direction, loads)
+                if found is not None:
+                    position, energy, fraction = found
+                    self._adapt_shift(fraction)
+                    return position, energy
+            self.shift = max(_SMALLEST_SHIFT, _SHIFT_FACTOR * self.shift)
+        self.membrane.set_displacement(position)
+        return None
+
+    def _adapt_shift(self, fraction: float) -> None:
+        """Withdraw the shift after a full step, raise it after a short one."""
+        if fraction == 1.0:
+            self.shift = self.shift / _SHIFT_FACTOR if self.shift > _SMALLEST_SHIFT else 0.0
+        elif fraction < 0.25 and self.shift > 0.0:
+            self.shift = min(self.shift * _SHIFT_FACTOR, _LARGEST_SHIFT)
+
+    def _backtrack(
+        self, position: Floats, energy: float, force: Floats, direction: Floats, loads: Floats
+    ) -> tuple[Floats, float, float] | None:
+        """The longest of the fractions 1, ½, ¼ … of a step that lowers the energy by a share of what its slope promises."""
+        slope = float(force @ direction)
+        if not (np.isfinite(slope) and slope > 0.0):
+            return None
+        step = np.zeros_like(position)
+        step[self.free] = direction
+        noise = _ENERGY_NOISE * max(abs(energy), slope)
+        fraction = 1.0
+        while fraction >= _SHORTEST:
+            trial = position + fraction * step
+            self.membrane.set_displacement(trial)
+            reached = self.membrane.potential_energy(loads)[0]
+            if np.isfinite(reached) and reached <= energy - _DECREASE * fraction * slope + noise:
+                return trial, reached, fraction
+            fraction *= 0.5
+        self.membrane.set_displacement(position)
+        return None
