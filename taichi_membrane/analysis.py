@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taichi_membrane import probes, runtime
+from taichi_membrane.errors import InputError
 from taichi_membrane.membrane import ElementState, Membrane
 from taichi_membrane.model import Model
+from taichi_membrane.newton import Newton
 from taichi_membrane.preparation import Floats
 from taichi_membrane.relaxation import Progress, Relaxation, SolveRecord
 from taichi_membrane.results import ElementFields, StepResult
@@ -19,6 +21,9 @@ from taichi_membrane.scene import Stage
 # Residual over applied load at which a state counts as equilibrium. On the cantilever 1e-6 leaves 2e-5 of the tip deflection, 3e-6
 # leaves 2e-4; single precision reaches the latter with room to spare.
 _DEFAULT_TOLERANCE = {"f64": 1e-6, "f32": 3e-6}
+
+# Newton's iterations per solve: alone; and in the hybrid, before relaxation takes over for a first dose of iterations.
+_NEWTON_LIMIT, _NEWTON_PATIENCE, _FIRST_DOSE = 200, 60, 500
 
 ProgressCallback = Callable[[str, int, int, Progress], None]
 
@@ -47,7 +52,9 @@ class Analysis:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.membrane = Membrane(model.structure)
-        self.solver = Relaxation(self.membrane)
+        self.relaxation = Relaxation(self.membrane)
+        self.kind = _solver_kind(model)
+        self.newton = Newton(self.membrane, self.relaxation) if self.kind != "relaxation" else None
         settings = model.scene.solver
         self.tolerance = settings.tolerance or _DEFAULT_TOLERANCE[runtime.current().precision]
         mesh = model.structure.mesh
@@ -56,7 +63,9 @@ class Analysis:
 
     def compile(self) -> None:
         """Compile every kernel a run needs, moving nothing; so that compile time is a figure of its own."""
-        self.solver.compile()
+        self.relaxation.compile()
+        if self.newton is not None:
+            self.newton.compile()
         self.membrane.out_of_balance()
         self.membrane.potential_energy(np.zeros((self.membrane.node_count, 3)))
         self.membrane.element_state()
@@ -105,17 +114,57 @@ class Analysis:
                     break
                 cuts, size = cuts + 1, 0.5 * size
         if not record.converged:
-            reason = f"{record.reason} beyond {100 * reached:.4g} % of the step after {cuts} halvings; last equilibrium kept"
+            reason = (
+                f"{record.reason} beyond {100 * reached:.4g} % of the step after {cuts} halvings; last equilibrium kept"
+            )
             record = replace(record, reason=reason)
         return self._result(number, stage, k, before.toward(after, reached), record, iterations, cuts, started)
 
     def _solve(self, state: _LoadState, report: Callable[[Progress], None] | None) -> SolveRecord:
+        """Find equilibrium at a load state, from the present displacements, by the scene's solver."""
         self._apply(state)
-        return self.solver.solve(
-            tolerance=self.tolerance,
-            reference=self._reference(state),
-            max_iterations=self.model.scene.solver.max_iterations,
-            report=report,
+        reference = self._reference(state)
+        limit = self.model.scene.solver.max_iterations
+        if self.newton is None:
+            return self._relax(reference, limit, report)
+        loads = self.model.nodal_loads(state.pressures, state.loads)
+        if self.kind == "newton":
+            return self._newton(self.newton, reference, loads, min(limit, _NEWTON_LIMIT), report)
+        return self._alternate(self.newton, reference, loads, limit, report)
+
+    def _relax(self, reference: float, limit: int, report: Callable[[Progress], None] | None) -> SolveRecord:
+        return self.relaxation.solve(tolerance=self.tolerance, reference=reference, max_iterations=limit, report=report)
+
+    def _newton(
+        self, newton: Newton, reference: float, loads: Floats, limit: int, report: Callable[[Progress], None] | None
+    ) -> SolveRecord:
+        return newton.solve(
+            tolerance=self.tolerance, reference=reference, loads=loads, max_iterations=limit, report=report
+        )
+
+    def _alternate(
+        self, newton: Newton, reference: float, loads: Floats, limit: int, report: Callable[[Progress], None] | None
+    ) -> SolveRecord:
+        """The hybrid: Newton while it gets on, relaxation in growing doses where it does not."""
+        parts: list[SolveRecord] = []
+        dose, relaxed = _FIRST_DOSE, 0
+        while True:
+            start = self.membrane.displacement()
+            parts.append(self._newton(newton, reference, loads, _NEWTON_PATIENCE, report))
+            if parts[-1].converged or relaxed >= limit:
+                break
+            self.membrane.set_displacement(start)
+            parts.append(self._relax(reference, min(dose, limit - relaxed), report))
+            relaxed += parts[-1].iterations
+            if parts[-1].converged or parts[-1].reason == "not finite":
+                break
+            dose *= 4
+        last = parts[-1]
+        return replace(
+            last,
+            method=" + ".join(f"{part.method} {part.iterations}" for part in parts) if len(parts) > 1 else last.method,
+            iterations=sum(part.iterations for part in parts),
+            seconds=sum(part.seconds for part in parts),
         )
 
     def _apply(self, state: _LoadState) -> None:
@@ -170,7 +219,7 @@ class Analysis:
             probes=values,
             volume=volume,
             energy=self.membrane.potential_energy(dead)[0] if self._has_energy else None,
-            solver="relaxation",
+            solver=record.method,
             converged=record.converged,
             reason=record.reason,
             iterations=iterations,
@@ -222,3 +271,21 @@ def _stage_target(before: _LoadState, stage: Stage) -> _LoadState:
     elif stage.pressure is not None:
         pressures.update(dict.fromkeys(pressures, stage.pressure))
     return _LoadState(pressures, {**before.loads, **stage.loads})
+
+
+def _solver_kind(model: Model) -> str:
+    """The solver a run uses: the scene's, or relaxation where Newton cannot work and the scene does not insist on it.
+
+    :raises InputError: the scene asks for Newton alone in single precision, or with the clipped law, which has no energy.
+    """
+    kind = model.scene.solver.kind
+    hindrance = None
+    if runtime.current().precision == "f32":
+        hindrance = "it needs precision f64, not f32"
+    elif any(fabric.law == "clip" for fabric in model.structure.fabrics):
+        hindrance = "the law 'clip' has no energy and no symmetric tangent"
+    if kind == "newton" and hindrance is not None:
+        raise InputError(
+            f"solver.kind = 'newton': {hindrance}; use 'relaxation', or 'hybrid', which then relaxes alone"
+        )
+    return "relaxation" if hindrance is not None else kind

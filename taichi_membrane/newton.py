@@ -1,8 +1,8 @@
 """Newton's method on the relaxed potential energy: the full-matrix counterpart of relaxation, on the same fields.
 
-Each iteration assembles residual and tangent, factorises, and backtracks on the potential energy along the step. Where the tangent is
-not positive definite (flat, slack, buckling) a multiple of the relaxation's fictitious masses is added until it is; the shift is withdrawn as
-full steps succeed. With no shift and full steps the convergence is quadratic.
+Each iteration assembles residual and tangent, factorises, and backtracks on the potential energy along the step. Where the
+tangent is not positive definite (flat, slack, buckling) a multiple of the relaxation's fictitious masses is added until it is;
+the shift is withdrawn as full steps succeed. With no shift and full steps the convergence is quadratic.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ _SHIFT_FACTOR = 10.0
 _DECREASE, _SHORTEST = 1e-4, 1 / 64
 # Energies agree to this share when round-off alone separates them; the residual then decides.
 _ENERGY_NOISE = 1e-13
+# Away from an unstable equilibrium: the first push, as a share of the shortest side, and how exactly its direction is found.
+_FIRST_PUSH, _INVERSE_ITERATIONS = 1e-3, 12
 
 
 @dataclass(frozen=True)
@@ -104,8 +106,12 @@ class Newton:
                 reason = "not finite"
                 break
             if residual <= tolerance:
-                reason = "residual"
-                break
+                found = self._leave_saddle(position, energy, loads)
+                if found is None:
+                    reason = "residual"
+                    break
+                position, energy = found
+                continue
             if iteration == max_iterations:
                 break
             found = self._step(position, energy, force, loads)
@@ -120,12 +126,13 @@ class Newton:
             residual=residual,
             peaks=0,
             seconds=time.perf_counter() - started,
+            method="newton",
         )
 
     def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""
         values = self.tangent.assemble()
-        bound = 2.0 * np.repeat(self.relaxation.masses(), 3).reshape(-1, 3)[self.free]
+        bound = self._stiffness_bound()
         while self.shift <= _LARGEST_SHIFT:
             factor = factorise(self.tangent.pattern, values, self.shift * bound if self.shift > 0.0 else None)
             if factor is not None and factor.negative == 0:
@@ -138,6 +145,54 @@ class Newton:
             self.shift = max(_SMALLEST_SHIFT, _SHIFT_FACTOR * self.shift)
         self.membrane.set_displacement(position)
         return None
+
+    def _leave_saddle(self, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float] | None:
+        """A lower state beside an equilibrium that is unstable; None where the equilibrium is stable (or indifferent).
+
+        Where the last steps needed no shift, the tangent was positive definite already. Otherwise the softest mode is found by
+        inverse iteration, and the structure is pushed along it as far as the energy keeps falling.
+        """
+        if self.shift == 0.0:
+            return None
+        values, bound = self.tangent.assemble(), self._stiffness_bound()
+        nearly = factorise(self.tangent.pattern, values, _SMALLEST_SHIFT * bound)
+        if nearly is None or nearly.negative == 0:
+            return None
+        mode = self._softest_mode(values, bound)
+        step = np.zeros_like(position)
+        step[self.free] = mode / np.abs(mode).max() * self.membrane.geometry.side_length.min()
+        best: tuple[Floats, float] | None = None
+        for sign in (1.0, -1.0):
+            fraction = _FIRST_PUSH
+            while fraction <= 1.0:
+                trial = position + sign * fraction * step
+                self.membrane.set_displacement(trial)
+                reached = self.membrane.potential_energy(loads)[0]
+                if reached >= (energy if best is None else best[1]):
+                    break
+                best = (trial, reached)
+                fraction *= 2.0
+        self.membrane.set_displacement(position if best is None else best[0])
+        return best
+
+    def _softest_mode(self, values: Floats, bound: Floats) -> Floats:
+        """The mode of lowest (negative) curvature, by inverse iteration at a shift that has just become definite."""
+        shift = _SMALLEST_SHIFT
+        factor = None
+        while shift <= _LARGEST_SHIFT and (factor is None or factor.negative > 0):
+            shift *= _SHIFT_FACTOR
+            factor = factorise(self.tangent.pattern, values, shift * bound)
+        # A fixed start: runs repeat bit by bit.
+        mode = np.random.default_rng(0).standard_normal(self.tangent.pattern.size)
+        if factor is not None:
+            for _ in range(_INVERSE_ITERATIONS):
+                mode = factor.solve(bound * mode)
+                mode /= np.linalg.norm(mode)
+        return mode
+
+    def _stiffness_bound(self) -> Floats:
+        """Diagonal 2 M over free degrees of freedom, which bounds the tangent."""
+        return 2.0 * np.repeat(self.relaxation.masses(), 3).reshape(-1, 3)[self.free]
 
     def _adapt_shift(self, fraction: float) -> None:
         """Withdraw the shift after a full step, raise it after a short one."""

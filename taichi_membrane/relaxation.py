@@ -47,6 +47,7 @@ class SolveRecord:
     :param reason: ``residual`` when converged, else ``iteration limit``, ``not finite`` or ``stagnated``.
     :param residual: 2-norm of the out-of-balance forces on free degrees of freedom over the reference load.
     :param peaks: kinetic-energy peaks passed.
+    :param method: which solver did it, such as ``newton`` or, where several took part, ``newton 60 + relaxation 500 + newton 7``.
     """
 
     converged: bool
@@ -55,6 +56,7 @@ class SolveRecord:
     residual: float
     peaks: int
     seconds: float
+    method: str
 
 
 @ti.data_oriented
@@ -263,4 +265,5 @@ class Relaxation:
             residual=float(state.residual) if np.isfinite(state.residual) else float("nan"),
             peaks=int(state.peaks),
             seconds=time.perf_counter() - started,
+            method="relaxation",
         )

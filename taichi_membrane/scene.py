@@ -387,10 +387,12 @@ class Solver(Model):
     """How equilibrium is found.
 
     ``tolerance``: 2-norm of the out-of-balance forces on free degrees of freedom over that of the applied forces, pressure
-    included; by default 1e-6 in double precision, 3e-6 in single. ``max_cuts``: how often a load step that fails is halved.
+    included; by default 1e-6 in double precision, 3e-6 in single. ``max_iterations`` limits relaxation per solve. ``max_cuts``:
+    how often a load step that fails is halved. ``kind``: ``newton`` on the relaxed energy, ``relaxation`` (any back end and
+    precision, any law), or ``hybrid``, which lets relaxation take over where Newton does not get on.
     """
 
-    kind: Literal["relaxation"] = "relaxation"
+    kind: Literal["hybrid", "newton", "relaxation"] = "hybrid"
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
     max_iterations: Annotated[int, Field(ge=1)] = 200_000
     max_cuts: Annotated[int, Field(ge=0, le=20)] = 4

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import io
 import json
 import re
 import signal
@@ -14,13 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner, Result
 
-from taichi_membrane import report
 from taichi_membrane.cli import app
 from taichi_membrane.output import read_run
-from taichi_membrane.progress import ProgressView
 from taichi_membrane.runtime import Runtime
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene_file import load_scene, shipped_scenes
@@ -348,65 +344,6 @@ def test_commands_that_run_nothing_do_not_import_taichi_or_matplotlib(
     )
     assert done.stderr == "loaded:\n"
     assert done.stdout
-
-
-# ---- what is printed
-
-
-def column(header: str, width: int, rank: int) -> report.Column:
-    return report.Column(header, ["x" * width], rank)
-
-
-def test_columns_are_left_out_by_rank_until_the_rest_fits() -> None:
-    columns = [column("a", 10, 0), column("b", 10, 2), column("c", 10, 1), column("d", 30, 1), column("e", 10, 0)]
-
-    def shown(width: int) -> str:
-        return "".join(item.header for item in report.fitting(columns, width))
-
-    assert shown(22) == "ae"  # 10 + 2 + 10
-    assert shown(33) == "ae"
-    assert shown(34) == "ace"
-    assert shown(46) == "abce"
-    assert shown(78) == "abcde"  # 70 characters and 4 gaps
-
-
-@pytest.mark.parametrize(
-    ("names", "expected"),
-    [
-        (["a.csv"], ["a.csv"]),
-        (["s_0.vtu", "s_1.vtu", "s_2.vtu"], ["s_0.vtu … s_2.vtu"]),
-        (["x", "s_0.vtu", "s_0.png", "s_1.vtu", "s_1.png", "y"], ["x", "s_0.vtu … s_1.vtu", "s_0.png … s_1.png", "y"]),
-        ([], []),
-    ],
-)
-def test_numbered_names_are_shown_as_ranges(names: list[str], expected: list[str]) -> None:
-    assert report.ranges(names) == expected
-
-
-def test_a_terminal_shows_one_line_that_is_rewritten(scene: str) -> None:
-    shown = io.StringIO()
-    console = Console(file=shown, force_terminal=True, force_interactive=True, width=80, markup=False)
-    with ProgressView(load_scene(Path(scene)), console) as view:
-        view.phase("compiling kernels")
-        view.progress("inflate", 2, 2, 123, 4.5e-3, 6.0)
-    text = shown.getvalue()
-    assert "inflate 2/2: 123 iterations, residual 4.5e-03, 6.0 s (load step 1 of 2)" in text
-    assert text.endswith("\x1b[2K")  # nothing stays: the last thing written erases the line
-
-
-def test_a_long_solve_without_a_terminal_says_so_from_time_to_time(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [0.0]
-    monkeypatch.setattr("taichi_membrane.progress.time.monotonic", lambda: now[0])
-    shown = io.StringIO()
-    view = ProgressView(load_scene(Path(scene)), Console(file=shown, width=80))
-    for now[0] in range(0, 26):
-        view.progress("inflate", 1, 2, 100 * int(now[0]), 1e-3, now[0])
-    assert [line.split()[2] for line in shown.getvalue().splitlines()] == ["1000", "2000"]
-
-
-def test_round_off_beside_large_values_is_shown_as_0() -> None:
-    assert report._numbers("tip", "mm", [-1.9e-17, 1.5, -2.0]).cells == ["0", "1.5", "-2"]
-    assert report._numbers("tip", "", [-1.9e-17]).cells == ["-1.9e-17"]
 
 
 def test_the_schema_names_every_key_of_a_scene() -> None:

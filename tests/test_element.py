@@ -57,14 +57,19 @@ class Body:
     fabric: FabricConstants
     chamber: int
 
+    def strain(self, u: Floats) -> Floats:
+        """Strain with the offset that stands for prestress, by the oracle."""
+        corners, moved = self.points[self.triangles], (self.points + u)[self.triangles]
+        moduli = np.tile(moduli_of(self.fabric), (len(corners), 1))
+        strain = oracle.triangle_strain(corners, moved, self.warp, green=self.fabric.side_strain == "green")
+        return strain + oracle.apply(oracle.compliance(moduli), np.tile(self.fabric.prestress, (len(corners), 1)))
+
     def stress_and_forces(self, u: Floats) -> tuple[Floats, Floats]:
         """Stress, and nodal forces without pressure, of displacements of the part's nodes, by the oracle."""
         fabric, green = self.fabric, self.fabric.side_strain == "green"
         corners, moved = self.points[self.triangles], (self.points + u)[self.triangles]
         moduli = np.tile(moduli_of(fabric), (len(corners), 1))
-        strain = oracle.triangle_strain(corners, moved, self.warp, green=green)
-        strain = strain + oracle.apply(oracle.compliance(moduli), np.tile(fabric.prestress, (len(corners), 1)))
-        stress = oracle.response(strain, moduli, fabric.law)
+        stress = oracle.response(self.strain(u), moduli, fabric.law)
         corner_force = oracle.triangle_forces(corners, moved, self.warp, stress, fabric.thickness, green=green)
         force = np.zeros_like(self.points)
         np.add.at(force, self.triangles, corner_force)
@@ -177,6 +182,28 @@ def test_forces_and_stresses_equal_the_oracle(zoo: Zoo, seed: int) -> None:
         stiffest = 10 * max(moduli_of(body.fabric)[[0, 1, 3]])
         assert np.max(np.abs(state.stress[body.tris] - stress)) < 1e3 * EPS * stiffest
         assert np.max(np.abs(got[body.nodes] - expected)) < 1e3 * EPS * (stiffest + 1)
+
+
+def test_margins_and_fold_strains_equal_the_oracle(zoo: Zoo) -> None:
+    """Distance from the borders of the states, and the strain stored in folds: zero where taut."""
+    u = random_state(zoo, 1)
+    zoo.forces(u, PRESSURES, zoo.loads)
+    state = zoo.membrane.element_state()
+    for body in zoo.bodies:
+        strain, (stress, _) = body.strain(u[body.nodes]), body.stress_and_forces(u[body.nodes])
+        row = moduli_of(body.fabric)
+        moduli = np.tile(row, (len(strain), 1))
+        trial = oracle.apply(oracle.stiffness(moduli), strain)
+        folds = oracle.apply(oracle.compliance(moduli), stress) - strain
+        fold_major = np.where(state.state[body.tris] == 0, 0, oracle.principal(folds, strain=True)[0])
+        # Folds are the difference of strains of order 1; a soft shear modulus multiplies the stress's round-off.
+        softest = max(row[:2]) / min(row[[0, 1, 3]])
+        assert state.strain[body.tris] == pytest.approx(strain.astype(np.float64), abs=1e3 * EPS)
+        assert state.fold_strain[body.tris] == pytest.approx(fold_major.astype(np.float64), abs=1e3 * EPS * softest)
+        margin = oracle.principal(trial, strain=False)[1] / max(row[:2])
+        assert state.taut_margin[body.tris] == pytest.approx(margin.astype(np.float64), abs=1e4 * EPS)
+        major = oracle.principal(strain, strain=True)[0].astype(np.float64)
+        assert state.slack_margin[body.tris] == pytest.approx(major, abs=1e3 * EPS)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

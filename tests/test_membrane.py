@@ -37,7 +37,7 @@ def closed_body(
     rng = np.random.default_rng(21)
     base, triangles = oracle.icosahedron()
     points = np.round((base * [1.0, 1.3, 0.8] + rng.uniform(-0.1, 0.1, base.shape)) * 2**20) / 2**20
-    given: dict[str, Any] = {
+    given = {
         "mesh": Mesh.build(points * scale + offset, triangles),
         "fabrics": (fabric,),
         "tri_fabric": np.zeros(20, dtype=np.int32),
@@ -363,8 +363,7 @@ def test_repeated_forces_and_relaxations_are_bit_identical() -> None:
             record = relaxation.solve(tolerance=1e-8, reference=1.0, max_iterations=20000)
             assert record.converged
             results.append([*force, membrane.displacement(), np.array([record.iterations, record.residual])])
-    for other in results[1:]:
-        assert all(np.array_equal(a, b) for a, b in zip(results[0], other, strict=True))
+    assert all(np.array_equal(a, b) for other in results[1:] for a, b in zip(results[0], other, strict=True))
     assert all(np.array_equal(results[0][0], force) for force in results[0][1:5])
 
 

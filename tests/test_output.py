@@ -9,7 +9,6 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -17,112 +16,12 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 import pytest
+from run_files import FABRIC, MESH, SCENE, a_result, a_run, a_step, a_writer, same
 
 from taichi_membrane import output
 from taichi_membrane.errors import InputError
-from taichi_membrane.mesh import Mesh
-from taichi_membrane.output import Writer, read_run
-from taichi_membrane.results import CheckResult, ElementFields, RunResult, StepResult
+from taichi_membrane.output import read_run
 from taichi_membrane.scene import Scene
-from taichi_membrane.shapes_grid import panel
-
-SCENE = Scene.model_validate(
-    {
-        "name": "strip",
-        "title": "Ä strip <&>",
-        "units": {"length": "mm", "force": "N"},
-        "mesh": {"shape": "panel", "width": 3.0, "height": 2.0, "along_x": 3, "along_y": 2},
-        "fabric": {"E": 100.0, "nu": 0.3, "thickness": 0.5},
-        "supports": [{"group": "x_min", "hold": "xyz"}],
-        "loads": {
-            "pull": {"group": "x_max", "direction": [1, 0, 0]},
-            "wind": {"group": "all", "direction": [0, 0, 2], "kind": "area"},
-            "seam": {"group": "x_max", "direction": [0, 0, 1], "kind": "line"},
-        },
-        "stages": [{"name": "load", "steps": 3, "loads": {"pull": 3.0}}],
-        "probes": {
-            "tip": {"kind": "displacement", "group": "x_max", "component": "x"},
-            "foot": {"kind": "reaction", "group": "x_min", "component": "x"},
-            "girth": {"kind": "radius", "group": "x_max", "axis": "x"},
-            "volume": {"kind": "volume"},
-            "peak": {"kind": "stress"},
-            "wrinkled": {"kind": "area_share"},
-        },
-    }
-)
-
-
-def a_mesh() -> Mesh:
-    """A small panel with groups whose names XML and file names would trip over."""
-    plain = panel(width=3.0, height=2.0, along_x=3, along_y=2)
-    awkward = {'a "b" <c> & ü:/%': [0, 1]}
-    return Mesh.build(
-        plain.points, plain.triangles, {**plain.node_groups, **awkward}, {**plain.tri_groups, **awkward}, plain.tri_warp
-    )
-
-
-MESH = a_mesh()
-FABRIC = np.arange(MESH.tri_count, dtype=np.int32) % 2
-
-
-def a_step(number: int, **changes: Any) -> StepResult:
-    """A step with numbers that differ in every bit (seeded by the step's number)."""
-    rng = np.random.default_rng(number)
-    m = MESH.tri_count
-    elements = ElementFields(
-        strain=rng.normal(size=(m, 3)),
-        stress=rng.normal(size=(m, 3)),
-        state=rng.integers(0, 3, m).astype(np.int8),
-        fold_strain=rng.normal(size=m),
-        taut_margin=rng.normal(size=m),
-        slack_margin=rng.normal(size=m),
-        major_stress=rng.normal(size=m),
-        minor_stress=rng.normal(size=m),
-        major_direction=rng.normal(size=(m, 3)),
-    )
-    step = StepResult(
-        number=number,
-        stage="load",
-        stage_step=number + 1,
-        pressures={"inside": 0.1 * number},
-        loads={"pull": 1.0 / 3.0, "wind": 0.0, "seam": -2e-300},
-        displacement=rng.normal(size=(MESH.node_count, 3)),
-        reaction=rng.normal(size=(MESH.node_count, 3)),
-        elements=elements,
-        probes=dict(zip(SCENE.probes, map(float, rng.normal(size=6)), strict=True)),
-        volume=1.5,
-        energy=-2.5,
-        solver="relaxation",
-        converged=True,
-        reason="residual, with a comma",
-        iterations=12,
-        residual=1e-7,
-        cuts=0,
-        seconds=0.25,
-    )
-    return replace(step, **changes)
-
-
-def a_writer(directory: Path) -> Writer:
-    return Writer(directory, SCENE, MESH, provenance={"arch": "x64", "threads": 2}, tri_fabric=FABRIC)
-
-
-def a_result(steps: list[StepResult], directory: Path) -> RunResult:
-    check = CheckResult(
-        probe="tip", stage="load", step=3, value=None, reference=1.0, error=None, tolerance=0.1, relative=True,
-        source="bar", passed=False,
-    )  # fmt: skip
-    return RunResult(
-        scene=SCENE, mesh=MESH, steps=tuple(steps), checks=(check,), seconds={"compile": 1.0}, provenance={},
-        directory=directory,
-    )  # fmt: skip
-
-
-def a_run(directory: Path, steps: list[StepResult]) -> list[Path]:
-    writer = a_writer(directory)
-    for step in steps:
-        writer.write_step(step, {"solve": 1.0})
-    return writer.finish(a_result(steps, directory))
 
 
 def strict_json(path: Path) -> Any:
@@ -132,17 +31,6 @@ def strict_json(path: Path) -> Any:
         raise AssertionError(f"{token} in {path}")
 
     return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
-
-
-def same(a: Any, b: Any) -> bool:
-    """Equal to the last bit, arrays, records and NaN included."""
-    if isinstance(a, ElementFields | StepResult):
-        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
-    if isinstance(a, dict):
-        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
-    if isinstance(a, np.ndarray):
-        return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=True)
-    return bool(a == b) or (a != a and b != b)
 
 
 def test_a_run_is_read_back_to_the_last_bit(tmp_path: Path) -> None:
@@ -340,15 +228,17 @@ def test_a_kill_leaves_at_most_a_temporary_file_that_the_next_run_removes(tmp_pa
     script = """
 import os, sys
 from pathlib import Path
-from tests.test_output import a_step, a_writer
+from run_files import a_step, a_writer
 from taichi_membrane import output
 writer = a_writer(Path(sys.argv[1]))
 writer.write_step(a_step(0), {})
 output.os.replace = lambda source, target: os._exit(9)
 writer.write_step(a_step(1), {})
 """
-    root = Path(__file__).resolve().parent.parent
-    run = subprocess.run([sys.executable, "-c", script, str(tmp_path)], cwd=root, check=False)
+    tests = Path(__file__).resolve().parent
+    path = os.pathsep.join((str(tests), str(tests.parent)))
+    command = [sys.executable, "-c", script, str(tmp_path)]
+    run = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, check=False)
     assert run.returncode == 9
     assert [path.name.split(".")[1] for path in tmp_path.glob(".*")] == ["step_0001"]
     assert same(read_run(tmp_path)[2][0], a_step(0))
@@ -360,79 +250,3 @@ def test_a_kill_before_the_first_summary_does_not_lock_the_folder(tmp_path: Path
     (tmp_path / ".summary.json.4711.tmp").touch()
     a_run(tmp_path, [a_step(0)])
     assert not list(tmp_path.glob(".*"))
-
-
-def damage(directory: Path, change: str) -> None:
-    """Break one thing in a run."""
-    summary_path = directory / "summary.json"
-    summary = json.loads(summary_path.read_text(encoding="utf-8"))
-    step = directory / "step_0000.vtu"
-    if change == "no summary":
-        summary_path.unlink()
-        return
-    if change == "half a summary":
-        summary_path.write_bytes(summary_path.read_bytes()[:300])
-        return
-    if change == "no step file":
-        step.unlink()
-    elif change == "half a step file":
-        step.write_bytes(step.read_bytes()[: step.stat().st_size // 2])
-    elif change == "another mesh's step":
-        other = meshio.Mesh(MESH.points[:3], [("triangle", np.array([[0, 1, 2]]))], {"displacement": np.zeros((3, 3))})
-        other.write(step)
-    elif change == "array of another width":
-        content = meshio.read(step)
-        content.cell_data["stress_warp"] = [np.zeros((MESH.tri_count, 2))]
-        content.write(step)
-    elif change == "no mesh":
-        (directory / "mesh.vtu").unlink()
-    elif change == "foreign":
-        summary["format"] = "something else"
-    elif change == "newer":
-        summary["format_version"] = 99
-    elif change == "no steps":
-        del summary["steps"]
-    elif change == "bad scene":
-        summary["scene"]["fabric"]["thickness"] = -1
-    elif change == "no number":
-        del summary["steps"][0]["number"]
-    elif change == "path out of the folder":
-        shutil.move(step, directory.parent / "step_0000.vtu")
-        summary["steps"][0]["file"] = "../step_0000.vtu"
-    summary_path.write_text(json.dumps(summary), encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ("no summary", "run: not the folder of a run: it has no summary.json"),
-        ("half a summary", "summary.json: damaged, not valid JSON"),
-        ("no step file", "step_0000.vtu: this file of the run is missing"),
-        ("half a step file", "step_0000.vtu: damaged: "),
-        ("another mesh's step", "step_0000.vtu: damaged: no array 'strain_warp'"),
-        ("array of another width", "step_0000.vtu: damaged: array 'stress_warp' is (12, 2), but (12,) is expected"),
-        ("no mesh", "mesh.vtu: this file of the run is missing"),
-        ("foreign", "summary.json: not the summary of a run of this program"),
-        ("newer", "summary.json: format version 99, but this program reads version 1"),
-        ("no steps", "summary.json: damaged: no list of load steps"),
-        ("bad scene", "summary.json: damaged scene: fabric.thickness: -1 must be above 0"),
-        ("no number", "summary.json: damaged load step: KeyError: 'number'"),
-        ("path out of the folder", "step_0000.vtu: this file of the run is missing"),
-    ],
-)
-def test_a_damaged_run_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, expected: str
-) -> None:
-    directory = tmp_path / "run"
-    a_run(directory, [a_step(0)])
-    damage(directory, change)
-    with pytest.raises(InputError) as caught:
-        read_run(directory)
-    assert str(directory) in str(caught.value)
-    assert expected in str(caught.value)
-    assert capsys.readouterr() == ("", "")  # meshio prints its complaints
-
-
-def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="none: there is no such folder"):
-        read_run(tmp_path / "none")

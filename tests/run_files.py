@@ -1,0 +1,124 @@
+"""Made-up runs for the tests of the files of a run: every number differs in every bit, no engine is needed."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.output import Writer
+from taichi_membrane.results import CheckResult, ElementFields, RunResult, StepResult
+from taichi_membrane.scene import Scene
+from taichi_membrane.shapes_grid import panel
+
+SCENE = Scene.model_validate(
+    {
+        "name": "strip",
+        "title": "Ä strip <&>",
+        "units": {"length": "mm", "force": "N"},
+        "mesh": {"shape": "panel", "width": 3.0, "height": 2.0, "along_x": 3, "along_y": 2},
+        "fabric": {"E": 100.0, "nu": 0.3, "thickness": 0.5},
+        "supports": [{"group": "x_min", "hold": "xyz"}],
+        "loads": {
+            "pull": {"group": "x_max", "direction": [1, 0, 0]},
+            "wind": {"group": "all", "direction": [0, 0, 2], "kind": "area"},
+            "seam": {"group": "x_max", "direction": [0, 0, 1], "kind": "line"},
+        },
+        "stages": [{"name": "load", "steps": 3, "loads": {"pull": 3.0}}],
+        "probes": {
+            "tip": {"kind": "displacement", "group": "x_max", "component": "x"},
+            "foot": {"kind": "reaction", "group": "x_min", "component": "x"},
+            "girth": {"kind": "radius", "group": "x_max", "axis": "x"},
+            "volume": {"kind": "volume"},
+            "peak": {"kind": "stress"},
+            "wrinkled": {"kind": "area_share"},
+        },
+    }
+)
+
+
+def a_mesh() -> Mesh:
+    """A small panel with groups whose names XML and file names would trip over."""
+    plain = panel(width=3.0, height=2.0, along_x=3, along_y=2)
+    awkward = {'a "b" <c> & ü:/%': [0, 1]}
+    return Mesh.build(
+        plain.points, plain.triangles, {**plain.node_groups, **awkward}, {**plain.tri_groups, **awkward}, plain.tri_warp
+    )
+
+
+MESH = a_mesh()
+FABRIC = np.arange(MESH.tri_count, dtype=np.int32) % 2
+
+
+def a_step(number: int, **changes: Any) -> StepResult:
+    """A step with numbers that differ in every bit (seeded by the step's number)."""
+    rng = np.random.default_rng(number)
+    m = MESH.tri_count
+    elements = ElementFields(
+        strain=rng.normal(size=(m, 3)),
+        stress=rng.normal(size=(m, 3)),
+        state=rng.integers(0, 3, m).astype(np.int8),
+        fold_strain=rng.normal(size=m),
+        taut_margin=rng.normal(size=m),
+        slack_margin=rng.normal(size=m),
+        major_stress=rng.normal(size=m),
+        minor_stress=rng.normal(size=m),
+        major_direction=rng.normal(size=(m, 3)),
+    )
+    step = StepResult(
+        number=number,
+        stage="load",
+        stage_step=number + 1,
+        pressures={"inside": 0.1 * number},
+        loads={"pull": 1.0 / 3.0, "wind": 0.0, "seam": -2e-300},
+        displacement=rng.normal(size=(MESH.node_count, 3)),
+        reaction=rng.normal(size=(MESH.node_count, 3)),
+        elements=elements,
+        probes=dict(zip(SCENE.probes, map(float, rng.normal(size=6)), strict=True)),
+        volume=1.5,
+        energy=-2.5,
+        solver="relaxation",
+        converged=True,
+        reason="residual, with a comma",
+        iterations=12,
+        residual=1e-7,
+        cuts=0,
+        seconds=0.25,
+    )
+    return replace(step, **changes)
+
+
+def a_writer(directory: Path) -> Writer:
+    return Writer(directory, SCENE, MESH, provenance={"arch": "x64", "threads": 2}, tri_fabric=FABRIC)
+
+
+def a_result(steps: list[StepResult], directory: Path) -> RunResult:
+    check = CheckResult(
+        probe="tip", stage="load", step=3, value=None, reference=1.0, error=None, tolerance=0.1, relative=True,
+        source="bar", passed=False,
+    )  # fmt: skip
+    return RunResult(
+        scene=SCENE, mesh=MESH, steps=tuple(steps), checks=(check,), seconds={"compile": 1.0}, provenance={},
+        directory=directory,
+    )  # fmt: skip
+
+
+def a_run(directory: Path, steps: list[StepResult]) -> list[Path]:
+    writer = a_writer(directory)
+    for step in steps:
+        writer.write_step(step, {"solve": 1.0})
+    return writer.finish(a_result(steps, directory))
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal to the last bit, arrays, records and NaN included."""
+    if isinstance(a, ElementFields | StepResult):
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=True)
+    return bool(a == b) or (a != a and b != b)
