@@ -16,7 +16,7 @@ from taichi_membrane.newton import Newton
 from taichi_membrane.preparation import Floats
 from taichi_membrane.relaxation import Progress, Relaxation, SolveRecord
 from taichi_membrane.results import ElementFields, StepResult
-from taichi_membrane.scene import Stage
+from taichi_membrane.scene import Scene, Stage
 
 # Residual over applied load at which a state counts as equilibrium. On the cantilever 1e-6 leaves 2e-5 of the tip deflection, 3e-6
 # leaves 2e-4; single precision reaches the latter with room to spare.
@@ -30,10 +30,11 @@ ProgressCallback = Callable[[str, int, int, Progress], None]
 
 @dataclass(frozen=True)
 class _LoadState:
-    """Values of all pressures and load factors at one instant."""
+    """Values of all pressures, load factors and motion factors at one instant."""
 
     pressures: dict[str, float]
     loads: dict[str, float]
+    motions: dict[str, float]
 
     def toward(self, other: _LoadState, fraction: float) -> _LoadState:
         """The state at a fraction (0 to 1) of the way to another one; exactly the other one at 1."""
@@ -43,7 +44,9 @@ class _LoadState:
         def mix(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:
             return {name: a[name] + fraction * (b[name] - a[name]) for name in a}
 
-        return _LoadState(mix(self.pressures, other.pressures), mix(self.loads, other.loads))
+        return _LoadState(
+            mix(self.pressures, other.pressures), mix(self.loads, other.loads), mix(self.motions, other.motions)
+        )
 
 
 class Analysis:
@@ -73,7 +76,7 @@ class Analysis:
     def steps(self, progress: ProgressCallback | None = None) -> Iterator[StepResult]:
         """Yield each load step as it is done; stop after the first that does not converge."""
         scene = self.model.scene
-        state = _LoadState(dict.fromkeys(scene.pressures, 0.0), dict.fromkeys(scene.loads, 0.0))
+        state = _unloaded(scene)
         number = 0
         for stage in scene.stages:
             start, target = state, _stage_target(state, stage)
@@ -170,18 +173,20 @@ class Analysis:
     def _apply(self, state: _LoadState) -> None:
         self.membrane.set_pressures(self.model.chamber_pressures(state.pressures))
         self.membrane.set_loads(self.model.nodal_loads(state.pressures, state.loads))
+        if self.model.motions:
+            self.membrane.set_displacement(self.model.moved(self.membrane.displacement(), state.motions))
 
     def _reference(self, state: _LoadState) -> float:
-        """The applied load; where there is none, the forces prestress puts on the nodes, or the largest load of the scene."""
-        applied = self.model.reference_load(state.pressures, state.loads)
+        """The applied load and the forces prestress puts on the nodes; failing both, the scene's largest load, or the support forces."""
+        applied = np.hypot(self.model.reference_load(state.pressures, state.loads), self.membrane.prestress_norm())
         if applied > 0.0:
-            return applied
-        full = [self.model.reference_load(one.pressures, one.loads) for one in self._stage_targets()]
-        return max([*full, self.membrane.prestress_norm()]) or 1.0
+            return float(applied)
+        full = max(self.model.reference_load(one.pressures, one.loads) for one in self._stage_targets())
+        return full or float(np.linalg.norm(self.membrane.out_of_balance())) or 1.0
 
     def _stage_targets(self) -> list[_LoadState]:
         scene = self.model.scene
-        state = _LoadState(dict.fromkeys(scene.pressures, 0.0), dict.fromkeys(scene.loads, 0.0))
+        state = _unloaded(scene)
         targets = []
         for stage in scene.stages:
             state = _stage_target(state, stage)
@@ -204,7 +209,8 @@ class Analysis:
         displacement = self.membrane.displacement()
         elements = self._element_fields(self.membrane.element_state(), displacement)
         dead = self.model.nodal_loads(state.pressures, state.loads)
-        reaction = np.where(self.model.structure.node_held, -self.membrane.out_of_balance(), 0.0)
+        local = self.membrane.in_frames(-self.membrane.out_of_balance())
+        reaction = self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0))
         volume = self._rest_volume + float(self.membrane.swept_volumes(displacement).sum())
         values = probes.evaluate(self.model, displacement, reaction, elements, volume)
         return StepResult(
@@ -213,6 +219,7 @@ class Analysis:
             stage_step=k,
             pressures=state.pressures,
             loads=state.loads,
+            motions=state.motions,
             displacement=displacement,
             reaction=reaction,
             elements=elements,
@@ -263,6 +270,11 @@ class Analysis:
         return np.asarray(moved / np.where(length > 0.0, length, 1.0))
 
 
+def _unloaded(scene: Scene) -> _LoadState:
+    """The state before the first stage."""
+    return _LoadState(*(dict.fromkeys(names, 0.0) for names in (scene.pressures, scene.loads, scene.motions)))
+
+
 def _stage_target(before: _LoadState, stage: Stage) -> _LoadState:
     """State at a stage's end: what the stage does not name keeps its value."""
     pressures = dict(before.pressures)
@@ -270,7 +282,7 @@ def _stage_target(before: _LoadState, stage: Stage) -> _LoadState:
         pressures.update(stage.pressure)
     elif stage.pressure is not None:
         pressures.update(dict.fromkeys(pressures, stage.pressure))
-    return _LoadState(pressures, {**before.loads, **stage.loads})
+    return _LoadState(pressures, {**before.loads, **stage.loads}, {**before.motions, **stage.motions})
 
 
 def _solver_kind(model: Model) -> str:

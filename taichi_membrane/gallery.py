@@ -142,7 +142,7 @@ def curve_values(result: RunResult, quantity: str) -> Floats:
         return np.array([step.volume for step in steps])
     if kind == "pressure":
         return np.array([step.pressures[name or next(iter(step.pressures))] for step in steps])
-    return np.array([step.loads[name] for step in steps])
+    return np.array([step.motions[name] if kind == "motion" else step.loads[name] for step in steps])
 
 
 def _quantity_label(scene: Scene, quantity: str) -> str:

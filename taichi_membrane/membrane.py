@@ -94,6 +94,8 @@ class Membrane:
             self.chamber_pressure = ti.field(fp, shape=self.chamber_count)
         if features.pressure == "by_chamber":
             self.tri_chamber = ti.field(ti.i32, shape=self.tri_count)
+        if features.slanted:
+            self.node_frame = ti.Matrix.field(3, 3, fp, shape=self.node_count)
         if features.loads:
             self.node_load = ti.Vector.field(3, fp, shape=self.node_count)
 
@@ -104,6 +106,8 @@ class Membrane:
         self.origin = 0.5 * (mesh.points.min(axis=0) + mesh.points.max(axis=0))
         self.node_rest.from_numpy((mesh.points - self.origin).astype(dtype))
         self.node_held.from_numpy(structure.node_held.astype(np.int32))
+        if features.slanted and structure.node_frame is not None:
+            self.node_frame.from_numpy(structure.node_frame.astype(dtype))
         start, corners = preparation.gather_lists(mesh.triangles, mesh.node_count)
         self.node_corner_start.from_numpy(start)
         self.node_corner.from_numpy(corners)
@@ -133,6 +137,16 @@ class Membrane:
         self.node_displacement.from_numpy(leading)
         if self.split_displacement:
             self.node_displacement_rest.from_numpy((displacement - leading).astype(self.dtype))
+
+    def in_frames(self, vectors: Floats) -> Floats:
+        """Nodal vectors (node_count, 3) in the axes that supports refer to."""
+        frame = self.structure.node_frame
+        return vectors if frame is None else np.einsum("nij,nj->ni", frame, vectors)
+
+    def from_frames(self, vectors: Floats) -> Floats:
+        """Nodal vectors (node_count, 3) given in the supports' axes, in x, y, z."""
+        frame = self.structure.node_frame
+        return vectors if frame is None else np.einsum("nji,nj->ni", frame, vectors)
 
     def displacement(self) -> Floats:
         """Nodal displacements, (node_count, 3) lengths, in double precision."""

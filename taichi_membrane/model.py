@@ -7,22 +7,44 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import spatial
 
 from taichi_membrane import mesh as meshes
-from taichi_membrane import preparation, shapes, shapes_grid
+from taichi_membrane import preparation, shapes, shapes_grid, shapes_sector
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.preparation import FabricConstants, Floats, Ints, Structure
-from taichi_membrane.scene import Fabric, Load, Scene
+from taichi_membrane.scene import Fabric, Load, Rotation, Scene, Translation
 
 _SHAPES: dict[str, Callable[..., Mesh]] = {
     "tube": shapes.tube,
     "arch": shapes.arch,
     "sphere": shapes.sphere,
     "disc": shapes.disc,
+    "annulus": shapes_sector.annulus,
+    "wedge": shapes_sector.wedge,
     "panel": shapes_grid.panel,
     "cushion": shapes_grid.cushion,
 }
+
+
+@dataclass(frozen=True)
+class PrescribedMotion:
+    """A node group whose displacement components ``components`` (0, 1, 2) follow a motion; see :mod:`taichi_membrane.scene`."""
+
+    motion: Translation | Rotation
+    nodes: Ints
+    components: tuple[int, ...]
+
+    def displacement(self, points: Floats, factor: float) -> Floats:
+        """(len(nodes), 3) displacement of the group's nodes from their unstressed positions at a factor."""
+        if isinstance(self.motion, Translation):
+            return np.broadcast_to(factor * np.array(self.motion.direction), (len(self.nodes), 3))
+        axis = np.array(self.motion.axis) / np.linalg.norm(self.motion.axis)
+        arms = points[self.nodes] - np.array(self.motion.through)
+        turn = spatial.transform.Rotation.from_rotvec(factor * axis, degrees=True)
+        return np.asarray(turn.apply(arms) - arms)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +54,14 @@ class Model:
     :param structure: mesh, fabrics, supports and pressure surfaces.
     :param pressure_names: name of each follower pressure, in the order of the structure's chamber numbers.
     :param unit_loads: (n, 3) nodal forces of each load at factor 1, and of each fixed pressure at value 1.
+    :param motions: prescribed motions of node groups.
     """
 
     scene: Scene
     structure: Structure
     pressure_names: tuple[str, ...]
     unit_loads: Mapping[str, Floats]
+    motions: Mapping[str, PrescribedMotion]
 
     def nodal_loads(self, pressures: Mapping[str, float], loads: Mapping[str, float]) -> Floats:
         """(n, 3) dead nodal forces at the given load factors and fixed pressures."""
@@ -45,6 +69,15 @@ class Model:
         for name, unit in self.unit_loads.items():
             total += (loads.get(name, 0.0) if name in loads else pressures.get(name, 0.0)) * unit
         return total
+
+    def moved(self, displacement: Floats, factors: Mapping[str, float]) -> Floats:
+        """Displacements with the prescribed components at their values for the given motion factors."""
+        result = displacement.copy()
+        for name, motion in self.motions.items():
+            target = motion.displacement(self.structure.mesh.points, factors[name])
+            for c in motion.components:
+                result[motion.nodes, c] = target[:, c]
+        return result
 
     def chamber_pressures(self, pressures: Mapping[str, float]) -> Floats:
         """Value of each follower pressure."""
@@ -73,6 +106,8 @@ def build_mesh(scene: Scene, base: Path | None = None) -> Mesh:
             read.points * source.scale, read.triangles, read.node_groups, read.tri_groups, where=source.path
         )
     else:
+        if source.shape == "given":
+            raise InputError("mesh.shape = 'given' needs a mesh object: run(scene, mesh=...)")
         mesh = _SHAPES[source.shape](**arguments)
     chosen: dict[str, dict[str, Ints]] = {"nodes": {}, "elements": {}}
     for name, group in scene.groups.items():
@@ -93,16 +128,24 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
             mask = np.zeros(mesh.tri_count)
             mask[group_triangles(mesh, pressure.group, f"pressures.{name}.group")] = 1.0
             unit_loads[name] = preparation.nodal_pressure(mesh, mask)
+    held, frame = _held(scene, mesh)
+    motions = _motions(scene, mesh, held, frame)
+    left = meshes.rigid_motions_left(mesh, held, frame)
+    if left:
+        raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
     structure = Structure(
         mesh=mesh,
         fabrics=fabrics,
         tri_fabric=tri_fabric,
         tri_warp=_warp_directions(scene, mesh, tri_fabric, fabrics),
-        node_held=_held(scene, mesh),
+        node_held=held,
+        node_frame=frame,
         tri_chamber=tri_chamber,
         loads=bool(unit_loads),
     )
-    return Model(scene=scene, structure=structure, pressure_names=pressure_names, unit_loads=unit_loads)
+    return Model(
+        scene=scene, structure=structure, pressure_names=pressure_names, unit_loads=unit_loads, motions=motions
+    )
 
 
 def group_nodes(mesh: Mesh, name: str, key: str) -> Ints:
@@ -222,16 +265,55 @@ def _chambers(scene: Scene, mesh: Mesh) -> tuple[Ints, tuple[str, ...]]:
     return chamber, tuple(names)
 
 
-def _held(scene: Scene, mesh: Mesh) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+def _held(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats | None]:
+    """Held components of each node, and the axes they refer to: None while all supports are along x, y, z."""
     held = np.zeros((mesh.node_count, 3), dtype=bool)
+    normals: dict[int, list[Floats]] = {}
     for number, support in enumerate(scene.supports, 1):
         nodes = group_nodes(mesh, support.group, f"supports[{number}].group")
-        for component in support.hold:
+        for component in support.hold or "":
             held[nodes, "xyz".index(component)] = True
-    left = meshes.rigid_motions_left(mesh, held)
-    if left:
-        raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
-    return held
+        if support.normal is not None:
+            direction = np.array(support.normal) / np.linalg.norm(support.normal)
+            for node in nodes:
+                normals.setdefault(int(node), []).append(direction)
+    if not normals:
+        return held, None
+    frame = np.tile(np.eye(3), (mesh.node_count, 1, 1))
+    for node, directions in normals.items():
+        along_axes = list(np.eye(3)[held[node]])
+        # Right singular vectors: first a basis of all held directions, then of what is left free.
+        _, values, rows = np.linalg.svd(np.array(directions + along_axes))
+        rank = int((values > 1e-9).sum())
+        frame[node] = rows
+        held[node] = np.arange(3) < rank
+    return held, frame
+
+
+def _motions(scene: Scene, mesh: Mesh, held: NDArray[np.bool_], frame: Floats | None) -> dict[str, PrescribedMotion]:
+    """The prescribed motions; their components are added to the held ones.
+
+    :raises InputError: a component that a support or another motion already governs.
+    """
+    motions = {}
+    for name, motion in scene.motions.items():
+        nodes = group_nodes(mesh, motion.group, f"motions.{name}.group")
+        components = tuple("xyz".index(c) for c in motion.hold)
+        slanted = [] if frame is None else nodes[np.any(frame[nodes] != np.eye(3), axis=(1, 2))]
+        if len(slanted):
+            raise InputError(
+                f"motions.{name}: node {slanted[0]} has a support along a slanted normal; it cannot be moved too"
+            )
+        taken = held[np.ix_(nodes, components)]
+        if taken.any():
+            node, c = np.argwhere(taken)[0]
+            raise InputError(
+                f"motions.{name}: component {'xyz'[components[c]]} of node {nodes[node]} is already held by a support "
+                "or moved by another motion"
+            )
+        held[np.ix_(nodes, components)] = True
+        motions[name] = PrescribedMotion(motion, nodes, components)
+    return motions
 
 
 def _unit_load(load: Load, mesh: Mesh, key: str) -> Floats:

@@ -98,7 +98,7 @@ class Newton:
         energy = self.membrane.potential_energy(loads)[0]
         residual, reason, iteration = np.inf, "iteration limit", 0
         for iteration in range(max_iterations + 1):
-            force = self.membrane.out_of_balance()[self.free]
+            force = self.membrane.in_frames(self.membrane.out_of_balance())[self.free]
             residual = float(np.linalg.norm(force)) / reference
             if report is not None:
                 report(Progress(iteration=iteration, residual=residual, seconds=time.perf_counter() - started))
@@ -159,8 +159,7 @@ class Newton:
         if nearly is None or nearly.negative == 0:
             return None
         mode = self._softest_mode(values, bound)
-        step = np.zeros_like(position)
-        step[self.free] = mode / np.abs(mode).max() * self.membrane.geometry.side_length.min()
+        step = self._as_displacement(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
         best: tuple[Floats, float] | None = None
         for sign in (1.0, -1.0):
             fraction = _FIRST_PUSH
@@ -194,6 +193,12 @@ class Newton:
         """Diagonal 2 M over free degrees of freedom, which bounds the tangent."""
         return 2.0 * np.repeat(self.relaxation.masses(), 3).reshape(-1, 3)[self.free]
 
+    def _as_displacement(self, values: Floats) -> Floats:
+        """Values at the free degrees of freedom as nodal displacements (node_count, 3) in x, y, z."""
+        local = np.zeros(self.free.shape)
+        local[self.free] = values
+        return self.membrane.from_frames(local)
+
     def _adapt_shift(self, fraction: float) -> None:
         """Withdraw the shift after a full step, raise it after a short one."""
         if fraction == 1.0:
@@ -208,8 +213,7 @@ class Newton:
         slope = float(force @ direction)
         if not (np.isfinite(slope) and slope > 0.0):
             return None
-        step = np.zeros_like(position)
-        step[self.free] = direction
+        step = self._as_displacement(direction)
         noise = _ENERGY_NOISE * max(abs(energy), slope)
         fraction = 1.0
         while fraction >= _SHORTEST:

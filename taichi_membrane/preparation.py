@@ -80,6 +80,7 @@ class Features:
 
     ``pressure``: ``none``, ``uniform`` (one value on all triangles) or ``by_chamber`` (a chamber number per triangle).
     ``several_fabrics``: a fabric number per triangle. ``prestress``: a strain offset per fabric. ``loads``: a load vector per node.
+    ``slanted``: held directions other than x, y, z, with a frame per node.
     """
 
     variants: tuple[Variant, ...]
@@ -87,6 +88,7 @@ class Features:
     prestress: bool
     pressure: Literal["none", "uniform", "by_chamber"]
     loads: bool
+    slanted: bool
 
     def describe(self) -> tuple[list[str], list[str]]:
         """Names of what is compiled in and of what is left out."""
@@ -101,6 +103,7 @@ class Features:
             "follower pressure": self.pressure != "none",
             "several pressures": self.pressure == "by_chamber",
             "dead loads": self.loads,
+            "slanted supports": self.slanted,
         }
         return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]
 
@@ -111,7 +114,8 @@ class Structure:
 
     :param tri_fabric: (tri_count,) number of each triangle's fabric in ``fabrics``.
     :param tri_warp: (tri_count, 3) warp direction, projected on the element.
-    :param node_held: (node_count, 3) True where a displacement component is held.
+    :param node_held: (node_count, 3) True where a displacement component is held or prescribed.
+    :param node_frame: (node_count, 3, 3) rows are the axes that ``node_held`` refers to at each node; x, y, z when None.
     :param tri_chamber: (tri_count,) number of the pressure acting on each triangle, -1 for none.
     :param loads: whether dead nodal loads will be given.
     """
@@ -123,6 +127,7 @@ class Structure:
     node_held: NDArray[np.bool_]
     tri_chamber: Ints
     loads: bool = True
+    node_frame: Floats | None = None
 
     def features(self) -> Features:
         """What this structure uses."""
@@ -138,6 +143,7 @@ class Structure:
             prestress=any(any(fabric.prestress) for fabric in used),
             pressure=pressure,
             loads=self.loads,
+            slanted=self.node_frame is not None,
         )
 
 

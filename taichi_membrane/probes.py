@@ -45,6 +45,15 @@ def evaluate(
             )
         elif isinstance(probe, scenes.ReactionProbe):
             values[name] = _pick(reaction[group_nodes(mesh, probe.group, key)].sum(axis=0), probe.component)
+        elif isinstance(probe, scenes.MomentProbe):
+            nodes = group_nodes(mesh, probe.group, key)
+            arms = (mesh.points + displacement)[nodes] - np.array(probe.through)
+            values[name] = float(np.cross(arms, reaction[nodes]).sum(axis=0) @ _unit(probe.axis))
+        elif isinstance(probe, scenes.RotationProbe):
+            nodes = group_nodes(mesh, probe.group, key)
+            values[name] = _mean_rotation(
+                mesh.points[nodes] - np.array(probe.through), displacement[nodes], _unit(probe.axis)
+            )
         elif isinstance(probe, scenes.RadiusProbe):
             nodes = group_nodes(mesh, probe.group, key)
             values[name] = _mean_radius((mesh.points + displacement)[nodes], probe.axis)
@@ -55,6 +64,18 @@ def evaluate(
 
 def _pick(vector: Floats, component: str) -> float:
     return float(vector["xyz".index(component)])
+
+
+def _unit(axis: scenes.Vector) -> Floats:
+    return np.array(axis) / np.linalg.norm(axis)
+
+
+def _mean_rotation(arms: Floats, displacement: Floats, axis: Floats) -> float:
+    """Angle in degrees about ``axis`` that carries the arms nearest to their displaced places, in the least-squares sense."""
+    before = arms - np.outer(arms @ axis, axis)
+    after = arms + displacement - np.outer((arms + displacement) @ axis, axis)
+    sine = float((np.cross(before, after) @ axis).sum())
+    return float(np.rad2deg(np.arctan2(sine, float((before * after).sum()))))
 
 
 def _mean_radius(positions: Floats, axis: str) -> float:

@@ -87,7 +87,13 @@ class Relaxation:
     def free_part(self, i, force):
         """The force at a node with its held components removed."""
         held = self.membrane.node_held[i]
-        return ti.Vector([force[c] * ti.cast(1 - held[c], self.fp) for c in ti.static(range(3))])
+        local = force
+        if ti.static(self.membrane.features.slanted):
+            local = self.membrane.node_frame[i] @ force
+        free = ti.Vector([local[c] * ti.cast(1 - held[c], self.fp) for c in ti.static(range(3))])
+        if ti.static(self.membrane.features.slanted):
+            free = self.membrane.node_frame[i].transpose() @ free
+        return free
 
     @ti.func
     def total_of_blocks(self):

@@ -138,6 +138,7 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
     states = [step.elements.count() for step in steps]
     sizes = [len(step.elements.state) for step in steps]
     slack = [f"{count['slack'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]
+    solvers = [step.solver for step in steps]
     return [
         Column("step", [str(step.number) for step in steps]),
         Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
@@ -147,6 +148,7 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
         replace(_numbers("volume", scene.units.volume, [step.volume for step in steps]), rank=2),
         Column("wrinkled", [f"{count['wrinkled'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]),
         Column("slack", slack, rank=_rank(slack)),
+        Column("solver", solvers, rank=_rank(solvers)),
         Column("iterations", [str(step.iterations) for step in steps]),
         Column("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
     ]

@@ -51,7 +51,7 @@ class StepResult:
     """One load step.
 
     :param number: 0, 1, … over the whole run; ``stage_step`` counts 1, 2, … within ``stage``.
-    :param pressures: each pressure's value; ``loads`` each load's factor.
+    :param pressures: each pressure's value; ``loads`` and ``motions`` each one's factor.
     :param displacement: (n, 3) nodal displacements; ``reaction`` (n, 3) support forces, zero at free components.
     :param volume: enclosed volume of a closed body, else the volume swept since rest.
     :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy.
@@ -64,6 +64,7 @@ class StepResult:
     stage_step: int
     pressures: dict[str, float]
     loads: dict[str, float]
+    motions: dict[str, float]
     displacement: Floats
     reaction: Floats
     elements: ElementFields

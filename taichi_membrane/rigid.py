@@ -19,10 +19,13 @@ RANK_TOLERANCE = 1e-9
 SAME_DIRECTION = 1e-6
 
 
-def rigid_motions_left(mesh: Mesh, node_fixed: NDArray[np.bool_]) -> list[str]:
+def rigid_motions_left(
+    mesh: Mesh, node_fixed: NDArray[np.bool_], node_frame: NDArray[np.float64] | None = None
+) -> list[str]:
     """Describe in words every rigid motion the held degrees of freedom do not prevent, for each connected part.
 
     :param node_fixed: (node_count, 3) True where a displacement component is prescribed.
+    :param node_frame: (node_count, 3, 3) rows are each node's own axes, which ``node_fixed`` then refers to; x, y, z when None.
     :return: for example ``translation along x`` or ``rotation about z through (0, 0, 0)``; empty when all is held.
     :raises InputError: ``node_fixed`` has another shape.
     """
@@ -35,16 +38,18 @@ def rigid_motions_left(mesh: Mesh, node_fixed: NDArray[np.bool_]) -> list[str]:
     told: list[str] = []
     for nodes in parts:
         which = "" if len(parts) == 1 else f" of the part with node {nodes[0]} ({len(nodes)} nodes)"
-        told += [f"{motion}{which}" for motion in _motions(mesh.points[nodes], fixed[nodes])]
+        frames = np.eye(3)[None] if node_frame is None else node_frame[nodes]
+        told += [f"{motion}{which}" for motion in _motions(mesh.points[nodes], fixed[nodes], frames)]
     return told
 
 
-def _motions(points: NDArray[np.float64], fixed: NDArray[np.bool_]) -> list[str]:
+def _motions(points: NDArray[np.float64], fixed: NDArray[np.bool_], frames: NDArray[np.float64]) -> list[str]:
     held = fixed.any(axis=1)
+    frames = np.broadcast_to(frames, (len(points), 3, 3))
     # Rotations are taken about the middle of the held nodes, so that a pinned node is named as it is.
     origin = points[held].mean(axis=0) if held.any() else points.mean(axis=0)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    free = _null_space(_held_modes((points[held] - origin) / size, fixed[held]))
+    free = _null_space(_held_modes((points[held] - origin) / size, fixed[held], frames[held]))
     translations = free @ _null_space(free[3:])
     told = [f"translation along {_direction(t)}" for t in _readable_basis(translations[:3])]
     for axis in _readable_basis(free[3:]):
@@ -54,13 +59,15 @@ def _motions(points: NDArray[np.float64], fixed: NDArray[np.bool_]) -> list[str]
     return told
 
 
-def _held_modes(arms: NDArray[np.float64], fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _held_modes(
+    arms: NDArray[np.float64], fixed: NDArray[np.bool_], frames: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the six rigid modes (3 translations, 3 rotations, scaled) at the held degrees of freedom, (n, 6)."""
     modes = np.zeros((len(arms), 3, 6))
     modes[:, :, :3] = np.eye(3)
     for axis in range(3):
         modes[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms)
-    return modes[fixed]
+    return np.einsum("nij,njk->nik", frames, modes)[fixed]
 
 
 def _null_space(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.mesh import Mesh
 from taichi_membrane.model import Model, build_mesh, build_model
 from taichi_membrane.names import Arch, Precision
 from taichi_membrane.results import RunResult, StepResult
@@ -74,6 +75,7 @@ class _Clock:
 def run(
     scene: Scene,
     *,
+    mesh: Mesh | None = None,
     out: Path | None = None,
     base: Path | None = None,
     arch: Arch = "cpu",
@@ -84,6 +86,7 @@ def run(
 ) -> RunResult:
     """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
 
+    :param mesh: a mesh object for a scene whose mesh is ``{"shape": "given"}``.
     :param out: folder for summary.json, history.csv, step files, curve.png and pictures; nothing is written when None.
     :param base: folder that a relative mesh path starts from; the current one when None.
     :param render: draw pictures and the curve (only with ``out``).
@@ -93,7 +96,7 @@ def run(
     observer = observer or Silent()
     clock = _Clock(observer)
     with clock.phase("setup", "reading the mesh"):
-        mesh = build_mesh(scene, base)
+        mesh = build_mesh(scene, base) if mesh is None else mesh
         model = build_model(scene, mesh)
     with clock.phase("start", "starting Taichi"):
         from taichi_membrane import runtime

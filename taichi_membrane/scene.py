@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from taichi_membrane.names import SideStrain, WrinklingLaw
 
@@ -122,6 +122,32 @@ class DiscShape(Model):
     sectors: Annotated[int, Field(ge=3, le=64)] = 6
 
 
+class AnnulusShape(Model):
+    """A flat ring in z = 0 about the origin, between two radii; nodes in staggered rings of ``around``."""
+
+    shape: Literal["annulus"]
+    inner: Positive
+    outer: Positive
+    around: Annotated[int, Field(ge=3, le=20_000)]
+    rings: Count
+
+
+class WedgeShape(Model):
+    """A sector of a flat disc in z = 0: apex at the origin, from the x axis counter-clockwise over ``angle`` degrees."""
+
+    shape: Literal["wedge"]
+    radius: Positive
+    angle: Annotated[float, Field(gt=0, le=180)]
+    rings: Annotated[int, Field(ge=1, le=3000)]
+    around: Count = 1
+
+
+class GivenMesh(Model):
+    """The mesh is handed to :func:`taichi_membrane.run` as an object."""
+
+    shape: Literal["given"]
+
+
 class MeshFile(Model):
     """A triangle mesh in any format meshio reads; a relative path is relative to the scene file."""
 
@@ -131,7 +157,17 @@ class MeshFile(Model):
 
 
 MeshSource = Annotated[
-    TubeShape | ArchShape | CushionShape | PanelShape | SphereShape | DiscShape | MeshFile, Field(discriminator="shape")
+    TubeShape
+    | ArchShape
+    | CushionShape
+    | PanelShape
+    | SphereShape
+    | DiscShape
+    | AnnulusShape
+    | WedgeShape
+    | MeshFile
+    | GivenMesh,
+    Field(discriminator="shape"),
 ]
 
 
@@ -204,18 +240,65 @@ class Fabric(Model):
         return float(self.G) if self.G is not None else self.warp_modulus / (2 * (1 + self.nu))
 
 
+def _distinct(value: str) -> str:
+    """Refuse a list of components that names one twice."""
+    if len(set(value)) != len(value):
+        raise ValueError(f"a component is named twice in {value!r}")
+    return value
+
+
+Components = Annotated[str, Field(pattern=r"^[xyz]{1,3}$"), AfterValidator(_distinct)]
+
+
 class Support(Model):
-    """Displacement components of a node group that are held at zero."""
+    """Displacement components of a node group that are held at zero: some of x, y, z, or the one along ``normal``.
+
+    ``normal`` makes a plane of symmetry of any direction: the nodes slide in it.
+    """
 
     group: str
-    hold: Annotated[str, Field(pattern=r"^[xyz]{1,3}$")]
+    hold: Components | None = None
+    normal: Vector | None = None
 
-    @field_validator("hold")
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if (self.hold is None) == (self.normal is None):
+            raise ValueError("give either hold (some of x, y, z) or normal (a direction)")
+        if self.normal is not None and not any(self.normal):
+            raise ValueError("normal: a direction needs a length above zero")
+        return self
+
+
+class Translation(Model):
+    """A prescribed motion: the named components of a node group move by the stage's factor times ``direction``."""
+
+    kind: Literal["translation"]
+    group: str
+    direction: Vector
+    hold: Components = "xyz"
+
+
+class Rotation(Model):
+    """A prescribed motion: a node group turns rigidly by the stage's factor, in degrees, about an axis; finite angles.
+
+    Only the components in ``hold`` are prescribed; the others stay free.
+    """
+
+    kind: Literal["rotation"]
+    group: str
+    axis: Vector
+    through: Vector
+    hold: Components = "xyz"
+
+    @field_validator("axis")
     @classmethod
-    def _distinct(cls, value: str) -> str:
-        if len(set(value)) != len(value):
-            raise ValueError(f"a component is named twice in {value!r}")
+    def _axis_has_length(cls, value: Vector) -> Vector:
+        if not any(value):
+            raise ValueError("a direction needs a length above zero")
         return value
+
+
+Motion = Annotated[Translation | Rotation, Field(discriminator="kind")]
 
 
 class Pressure(Model):
@@ -243,7 +326,7 @@ class Load(Model):
 
 
 class Stage(Model):
-    """A ramp, in ``steps`` equal load steps, from the state before to the given pressures and load factors.
+    """A ramp, in ``steps`` equal load steps, from the state before to the given pressures, load and motion factors.
 
     What is not named keeps its value.
     """
@@ -252,6 +335,7 @@ class Stage(Model):
     steps: Annotated[int, Field(ge=1, le=10_000)] = 1
     pressure: Finite | dict[Name, Finite] | None = None
     loads: dict[Name, Finite] = {}
+    motions: dict[Name, Finite] = {}
 
 
 class DisplacementProbe(Model):
@@ -268,6 +352,24 @@ class ReactionProbe(Model):
     kind: Literal["reaction"]
     group: str
     component: Component
+
+
+class MomentProbe(Model):
+    """Moment of the support forces on a node group about an axis through a point, right-handed, on the deformed shape."""
+
+    kind: Literal["moment"]
+    group: str
+    axis: Vector
+    through: Vector
+
+
+class RotationProbe(Model):
+    """Mean rotation, in degrees, of a node group about an axis through a point: least squares over its nodes."""
+
+    kind: Literal["rotation"]
+    group: str
+    axis: Vector
+    through: Vector
 
 
 class RadiusProbe(Model):
@@ -302,7 +404,15 @@ class AreaProbe(Model):
 
 
 Probe = Annotated[
-    DisplacementProbe | ReactionProbe | RadiusProbe | VolumeProbe | StressProbe | AreaProbe, Field(discriminator="kind")
+    DisplacementProbe
+    | ReactionProbe
+    | MomentProbe
+    | RotationProbe
+    | RadiusProbe
+    | VolumeProbe
+    | StressProbe
+    | AreaProbe,
+    Field(discriminator="kind"),
 ]
 
 
@@ -366,7 +476,7 @@ class CurveReference(Model):
 
 
 class Curve(Model):
-    """What ``curve.png`` plots: a probe, ``pressure``, ``pressure.NAME``, ``load.NAME`` or ``volume`` on each axis.
+    """What ``curve.png`` plots: a probe, ``pressure``, ``pressure.NAME``, ``load.NAME``, ``motion.NAME`` or ``volume`` on each axis.
 
     ``stage`` limits it to one stage (with the state before it as first point). ``x_scale`` and ``y_scale`` multiply, say -1 for a
     deflection that is negative along z.
@@ -412,6 +522,7 @@ class Scene(Model):
     supports: list[Support] = []
     pressures: dict[Name, Pressure] = {"inside": Pressure()}
     loads: dict[Name, Load] = {}
+    motions: dict[Name, Motion] = {}
     stages: Annotated[list[Stage], Field(min_length=1)]
     probes: dict[Name, Probe] = {}
     checks: list[Check] = []
@@ -427,6 +538,8 @@ class Scene(Model):
         for stage in self.stages:
             for load in stage.loads:
                 _known(load, self.loads, f"stages.{stage.name}.loads", "a load")
+            for motion in stage.motions:
+                _known(motion, self.motions, f"stages.{stage.name}.motions", "a motion")
             for pressure in stage.pressure if isinstance(stage.pressure, dict) else ():
                 _known(pressure, self.pressures, f"stages.{stage.name}.pressure", "a pressure")
             if isinstance(stage.pressure, float) and len(self.pressures) != 1:
@@ -442,7 +555,7 @@ class Scene(Model):
                 raise ValueError(f"checks[{number}].step = {check.step}, but stage {check.stage!r} has {steps} steps")
         if self.curve is not None:
             allowed = [*self.probes, "volume", "pressure", *(f"pressure.{p}" for p in self.pressures)]
-            allowed += [f"load.{name}" for name in self.loads]
+            allowed += [f"load.{name}" for name in self.loads] + [f"motion.{name}" for name in self.motions]
             _known(self.curve.x, allowed, "curve.x", "a quantity")
             _known(self.curve.y, allowed, "curve.y", "a quantity")
             if self.curve.stage is not None:

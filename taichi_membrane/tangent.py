@@ -81,8 +81,8 @@ class Tangent:
         self.block_slot.from_numpy(slot)
         self.edge_part = ti.Vector.field(2, ti.i32, shape=self.edge_count)
         self.edge_part.from_numpy(_edge_parts(mesh.triangles, edges))
-        self.edge_lower = ti.field(ti.i32, shape=self.edge_count)
-        self.edge_lower.from_numpy(np.ascontiguousarray(edges[:, 0]))
+        self.edge_node = ti.Vector.field(2, ti.i32, shape=self.edge_count)  # lower number first
+        self.edge_node.from_numpy(np.ascontiguousarray(edges))
         self.values = np.zeros(len(self.pattern.row))
 
     @ti.func
@@ -135,7 +135,7 @@ class Tangent:
             for c in range(self.membrane.node_corner_start[i], self.membrane.node_corner_start[i + 1]):
                 corner = self.membrane.node_corner[c]
                 block += self.tri_block[6 * (corner // 3) + corner % 3]
-            self.write_block(i, block, values)
+            self.write_block(i, self.in_frames(block, i, i), values)
         for e in range(self.edge_count):
             block = ti.Matrix.zero(self.membrane.fp, 3, 3)
             for p in ti.static(range(2)):
@@ -144,10 +144,19 @@ class Tangent:
                     # The stored block couples the side's first corner (rows) to its second (columns).
                     t, a = part // 3, part % 3
                     stored = self.tri_block[6 * t + 3 + a]
-                    if self.membrane.tri_node[t][(a + 1) % 3] == self.edge_lower[e]:
+                    if self.membrane.tri_node[t][(a + 1) % 3] == self.edge_node[e][0]:
                         stored = stored.transpose()
                     block += stored
+            block = self.in_frames(block, self.edge_node[e][1], self.edge_node[e][0])
             self.write_block(self.membrane.node_count + e, block, values)
+
+    @ti.func
+    def in_frames(self, block, i, j):
+        """A block that couples nodes ``i`` (rows) and ``j`` (columns), in the axes their supports refer to."""
+        result = block
+        if ti.static(self.membrane.features.slanted):
+            result = self.membrane.node_frame[i] @ block @ self.membrane.node_frame[j].transpose()
+        return result
 
     @ti.func
     def write_block(self, number, block, values: ti.template()):

@@ -196,14 +196,16 @@ def test_margins_and_fold_strains_equal_the_oracle(zoo: Zoo) -> None:
         trial = oracle.apply(oracle.stiffness(moduli), strain)
         folds = oracle.apply(oracle.compliance(moduli), stress) - strain
         fold_major = np.where(state.state[body.tris] == 0, 0, oracle.principal(folds, strain=True)[0])
-        # Folds are the difference of strains of order 1; a soft shear modulus multiplies the stress's round-off.
-        softest = max(row[:2]) / min(row[[0, 1, 3]])
-        assert state.strain[body.tris] == pytest.approx(strain.astype(np.float64), abs=1e3 * EPS)
-        assert state.fold_strain[body.tris] == pytest.approx(fold_major.astype(np.float64), abs=1e3 * EPS * softest)
+        # Prestress on a soft shear modulus makes large strains. Folds are a difference of strains, and the same modulus
+        # multiplies the stress's round-off.
+        noise = 1e3 * EPS * max(1.0, float(np.max(np.abs(strain))))
+        softest = float(max(row[:2]) / min(row[[0, 1, 3]]))
+        assert state.strain[body.tris] == pytest.approx(strain.astype(np.float64), abs=noise)
+        assert state.fold_strain[body.tris] == pytest.approx(fold_major.astype(np.float64), abs=noise * softest)
         margin = oracle.principal(trial, strain=False)[1] / max(row[:2])
-        assert state.taut_margin[body.tris] == pytest.approx(margin.astype(np.float64), abs=1e4 * EPS)
+        assert state.taut_margin[body.tris] == pytest.approx(margin.astype(np.float64), abs=10 * noise)
         major = oracle.principal(strain, strain=True)[0].astype(np.float64)
-        assert state.slack_margin[body.tris] == pytest.approx(major, abs=1e3 * EPS)
+        assert state.slack_margin[body.tris] == pytest.approx(major, abs=noise)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -378,15 +380,8 @@ def test_open_surface_that_slides_in_a_plane_of_symmetry(runtime_cpu: Runtime) -
     points[inner, 2] = rng.uniform(0.2, 1.0, len(inner))
     held = np.zeros(points.shape, dtype=bool)
     held[np.setdiff1d(np.arange(len(points)), inner), 2] = True
-    structure = Structure(
-        mesh=Mesh.build(points, triangles),
-        fabrics=(orthotropic(np.array([1.0, 1.0, 0.3, 1 / 2.6]), "none", "green"),),
-        tri_fabric=np.zeros(len(triangles), dtype=np.int32),
-        tri_warp=np.tile([1.0, 0.0, 0.0], (len(triangles), 1)),
-        node_held=held,
-        tri_chamber=np.zeros(len(triangles), dtype=np.int32),
-        loads=False,
-    )
+    fabric = orthotropic(np.array([1.0, 1.0, 0.3, 1 / 2.6]), "none", "green")
+    _, structure = joined([(points, triangles, np.tile(np.eye(3)[0], (len(triangles), 1)), fabric, 0)], loads=False)
     membrane = Membrane(structure)
     membrane.set_pressures(np.array([0.5]))
     u = np.where(held, 0.0, rng.normal(size=points.shape) * 0.2)
