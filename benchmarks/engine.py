@@ -56,7 +56,7 @@ def compiled_bound(folder: Path) -> ctypes.CDLL | None:
 
 def c_iterations(bound: ctypes.CDLL, work: Any) -> Callable[[int], None]:
     """A function that runs that many iterations of the C loop on the arrays of an analysis."""
-    from taichi_membrane.preparation import gather_lists
+    from taichi_membrane.engine.preparation import gather_lists
 
     membrane = work.membrane
     mesh, fabric = membrane.structure.mesh, membrane.structure.fabrics[0]
@@ -89,9 +89,9 @@ def build(overrides: dict[str, Any], *, precision: str, threads: int) -> tuple[A
     """An analysis of the cantilever with some keys changed, seconds of set-up and seconds of compilation."""
     import tomllib
 
-    from taichi_membrane import runtime
-    from taichi_membrane.model import build_mesh, build_model
+    from taichi_membrane.engine import runtime
     from taichi_membrane.scene import Scene
+    from taichi_membrane.simulation.model import build_mesh, build_model
 
     data = tomllib.loads(SCENE.read_text(encoding="utf-8"))
     for key, value in overrides.items():
@@ -104,7 +104,7 @@ def build(overrides: dict[str, Any], *, precision: str, threads: int) -> tuple[A
     scene = Scene.model_validate(data)
     model = build_model(scene, build_mesh(scene))
     runtime.start(precision=precision, threads=threads)  # type: ignore[arg-type]
-    from taichi_membrane.analysis import Analysis
+    from taichi_membrane.simulation.analysis import Analysis
 
     started = time.perf_counter()
     work = Analysis(model)

@@ -6,8 +6,31 @@ starts with the first run.
 
 from __future__ import annotations
 
-from taichi_membrane.errors import InputError
-from taichi_membrane.run import run
-from taichi_membrane.scene import Scene
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["InputError", "Scene", "run"]
+if TYPE_CHECKING:
+    from taichi_membrane.errors import InputError
+    from taichi_membrane.mesh import Mesh
+    from taichi_membrane.scene import Scene
+    from taichi_membrane.scene.file import load_scene
+    from taichi_membrane.simulation.results import RunResult
+    from taichi_membrane.simulation.run import run
+
+# Where each public name lives; looked up on first use, so that the command line starts before NumPy and SciPy are needed.
+_HOME = {
+    "InputError": "errors",
+    "Mesh": "mesh",
+    "RunResult": "simulation.results",
+    "Scene": "scene",
+    "load_scene": "scene.file",
+    "run": "simulation.run",
+}
+
+__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "run"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from taichi_membrane.cli import main
+from taichi_membrane.commands.cli import main
 
 if __name__ == "__main__":
     main()

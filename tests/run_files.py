@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.output import Writer
-from taichi_membrane.results import CheckResult, ElementFields, RunResult, StepResult
+from taichi_membrane.output.writer import Writer
 from taichi_membrane.scene import Scene
-from taichi_membrane.shapes_grid import panel
+from taichi_membrane.shapes import panel
+from taichi_membrane.simulation.results import CheckResult, ElementFields, RunResult, StepResult
 
 SCENE = Scene.model_validate(
     {

@@ -15,13 +15,13 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from taichi_membrane.cli import app
-from taichi_membrane.output import read_run
-from taichi_membrane.runtime import Runtime
+from taichi_membrane.commands.cli import app
+from taichi_membrane.engine.runtime import Runtime
+from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
-from taichi_membrane.scene_file import load_scene, shipped_scenes
+from taichi_membrane.scene.file import load_scene, shipped_scenes
 
-RUN = importlib.import_module("taichi_membrane.run")  # the package's attribute of that name is the function
+RUN = importlib.import_module("taichi_membrane.simulation.run")  # the package's attribute of that name is the function
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = """
 name = "ball"
@@ -289,7 +289,7 @@ def test_check_tells_sizes_groups_units_and_features(scene: str) -> None:
         "pressure inside: follower, on all",
         "stage inflate: 2 steps, pressure to 0.002 MPa",
         "probes radius, foot checks 2",
-        "compiled in wrinkling (tension field), follower pressure",
+        "compiled in wrinkling (tension field), Green side strain, follower pressure",
         "left out wrinkling (clipped stress), orthotropic fabric",
     ):
         assert part in text
@@ -331,7 +331,7 @@ def test_commands_that_run_nothing_do_not_import_taichi_or_matplotlib(
     scene: str, tmp_path: Path, arguments: list[str]
 ) -> None:
     script = (
-        "import sys\nfrom taichi_membrane.cli import app\n"
+        "import sys\nfrom taichi_membrane.commands.cli import app\n"
         f"code = app({arguments!r}, standalone_mode=False)\n"
         "print('loaded:', *({'taichi', 'matplotlib'} & set(sys.modules)), file=sys.stderr)"
     )

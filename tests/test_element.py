@@ -9,11 +9,11 @@ import oracle
 import pytest
 from oracle import Floats, Ints
 
-from taichi_membrane.membrane import Membrane
+from taichi_membrane.engine.membrane import Membrane
+from taichi_membrane.engine.preparation import FabricConstants, Structure
+from taichi_membrane.engine.runtime import Runtime
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SideStrain, WrinklingLaw
-from taichi_membrane.preparation import FabricConstants, Structure
-from taichi_membrane.runtime import Runtime
 
 EPS = np.finfo(np.float64).eps
 

@@ -10,8 +10,8 @@ import pytest
 import taichi as ti
 from oracle import SLACK, TAUT, WRINKLED, Floats
 
-from taichi_membrane import fabric
-from taichi_membrane.preparation import FabricConstants, fabric_record_columns
+from taichi_membrane.engine import fabric
+from taichi_membrane.engine.preparation import FabricConstants, fabric_record_columns
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

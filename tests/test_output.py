@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 from run_files import FABRIC, MESH, SCENE, a_result, a_run, a_step, a_writer, same
 
-from taichi_membrane import output
 from taichi_membrane.errors import InputError
-from taichi_membrane.output import read_run
+from taichi_membrane.output import writer as output
+from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
 
 
@@ -229,7 +229,7 @@ def test_a_kill_leaves_at_most_a_temporary_file_that_the_next_run_removes(tmp_pa
 import os, sys
 from pathlib import Path
 from run_files import a_step, a_writer
-from taichi_membrane import output
+from taichi_membrane.output import writer as output
 writer = a_writer(Path(sys.argv[1]))
 writer.write_step(a_step(0), {})
 output.os.replace = lambda source, target: os._exit(9)

@@ -9,9 +9,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
-from taichi_membrane import plots
 from taichi_membrane.errors import InputError
-from taichi_membrane.plots import Mark, ReferenceLine, Series, draw_curve
+from taichi_membrane.pictures import plots
+from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 
 W = np.linspace(0.0, 0.6, 21)
 F = 300.0 * np.tanh(W / 0.12)

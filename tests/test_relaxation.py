@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_membrane.results import RunResult
-from taichi_membrane.run import run
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.results import RunResult
+from taichi_membrane.simulation.run import run
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from taichi_membrane import raster, render
-from taichi_membrane.camera import VIEWER_DISTANCE, Projection
 from taichi_membrane.errors import InputError
-from taichi_membrane.furniture import Page
-from taichi_membrane.render import Camera, Frame, Look, draw_frame, fit_camera, write_animation
-from taichi_membrane.symbols import draw_loads
-from taichi_membrane.wrinkle_lines import wrinkle_lines
+from taichi_membrane.pictures import raster, render
+from taichi_membrane.pictures.camera import VIEWER_DISTANCE, Projection
+from taichi_membrane.pictures.furniture import Page
+from taichi_membrane.pictures.render import Camera, Frame, Look, draw_frame, fit_camera, write_animation
+from taichi_membrane.pictures.symbols import draw_loads
+from taichi_membrane.pictures.wrinkle_lines import wrinkle_lines
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

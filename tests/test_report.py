@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 from run_files import SCENE
 
-from taichi_membrane import report
-from taichi_membrane.progress import ProgressView
+from taichi_membrane.commands import report
+from taichi_membrane.commands.progress import ProgressView
 
 
 def column(header: str, width: int, rank: int) -> report.Column:
@@ -55,7 +55,7 @@ def test_a_terminal_shows_one_line_that_is_rewritten() -> None:
 
 def test_a_long_solve_without_a_terminal_says_so_from_time_to_time(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr("taichi_membrane.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("taichi_membrane.commands.progress.time.monotonic", lambda: now[0])
     shown = io.StringIO()
     view = ProgressView(SCENE, Console(file=shown, width=80))
     for now[0] in range(0, 26):

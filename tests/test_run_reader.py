@@ -12,7 +12,7 @@ import pytest
 from run_files import MESH, a_run, a_step
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.run_reader import read_run
+from taichi_membrane.output.reader import read_run
 
 
 def damage(directory: Path, change: str) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from taichi_membrane import scene_file
 from taichi_membrane.errors import InputError
-from taichi_membrane.scene_file import load_scene, resolve_scene, shipped_scenes
+from taichi_membrane.scene import file as scene_file
+from taichi_membrane.scene.file import load_scene, resolve_scene, shipped_scenes
 
 SCENE = """
 name = "strip"

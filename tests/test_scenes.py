@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from taichi_membrane.run import run
-from taichi_membrane.scene_file import load_scene, shipped_scenes
+from taichi_membrane.scene.file import load_scene, shipped_scenes
+from taichi_membrane.simulation.run import run
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -31,7 +31,7 @@ def test_shipped_scene_holds_its_checks(name: str) -> None:
 PRECISION_CODE = """
 import json, sys, taichi_membrane as tm
 from pathlib import Path
-from taichi_membrane.scene_file import load_scene
+from taichi_membrane.scene.file import load_scene
 scene = load_scene(Path(sys.argv[1]), ["mesh.around=16", "mesh.along=40", "stages.load.steps=2", "checks=[]"])
 result = tm.run(scene, precision=sys.argv[2])
 assert result.converged, result.steps[-1].reason
@@ -40,7 +40,7 @@ print(json.dumps(result.probe("deflection").tolist()))
 
 
 def test_single_precision_deflects_like_double() -> None:
-    """Displacements, not positions, are stored and l² - L² is formed from them: below 1e-3 of the tip deflection, taut and wrinkled.
+    """Displacements, not positions, are stored and l² - L² is formed from them: below 1e-3 of the tip deflection.
 
     Measured 2e-4, all of it from the looser tolerance: at equal tolerance both agree to 2e-5.
     """
@@ -58,6 +58,8 @@ def test_readme_program_runs(tmp_path: Path) -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     programs = [block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "tm.run(" in block]
     assert len(programs) == 1
-    done = subprocess.run([sys.executable, "-c", programs[0]], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", programs[0]], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert "mm" in done.stdout

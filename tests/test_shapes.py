@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.rings import Ring, ring_directions, zip_rings
 from taichi_membrane.shapes import arch, cushion, disc, panel, sphere, tube
+from taichi_membrane.shapes.rings import Ring, ring_directions, zip_rings
 
 Make = Callable[[int], Mesh]
 

@@ -1,0 +1,233 @@
+"""The command ``taichi-membrane``: run, check and draw scenes.
+
+Results go to standard output, progress and errors to standard error. Exit codes: 0 all well, 1 a check of the scene fails, 2 bad
+input, 3 a load step did not converge, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+from typer.core import TyperGroup
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.names import Arch, Precision
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from taichi_membrane.scene import Camera
+
+# Modules that take long to import (NumPy, pydantic, rich) are imported by the commands that need them: help is instant.
+
+CHECK_FAILS, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 1, 2, 3, 130
+
+
+class _Commands(TyperGroup):
+    """Ends a command with one line and an exit code where the user, and not the program, is at fault."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            typer.echo(f"error: {' '.join(str(error).split())}", err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except KeyboardInterrupt:
+            typer.echo("interrupted", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+
+
+app = typer.Typer(
+    cls=_Commands,
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="How pressurised fabric deforms, carries load, wrinkles and collapses.",
+)
+
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A scene file, or the name of a shipped scene.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Replace a value, such as stages.load.steps=3. May be repeated."),
+]
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"taichi-membrane {version('taichi-membrane')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Options of the command itself; the app's help text stands above."""
+
+
+@app.command()
+def run(
+    scene: SceneArgument,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Output folder.", show_default="renders/NAME of the scene")
+    ] = None,
+    arch: Annotated[Arch, typer.Option(help="Back end of Taichi.")] = "cpu",
+    precision: Annotated[Precision, typer.Option(help="Floating-point type of the mechanics.")] = "f64",
+    overrides: SetOption = None,
+    render: Annotated[bool, typer.Option("--render/--no-render", help="Draw pictures and the curve.")] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but failures.")] = False,
+    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="all cores")] = None,
+) -> None:
+    """Solve the load steps of a scene, write and draw them.
+
+    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input, 3 a load step did not converge.
+    """
+    from taichi_membrane.commands import report
+    from taichi_membrane.commands.progress import ProgressView
+    from taichi_membrane.output.writer import check_directory
+    from taichi_membrane.scene import file as scene_file
+    from taichi_membrane.simulation.run import run as run_scene
+
+    path = scene_file.resolve_scene(scene)
+    model = scene_file.load_scene(path, overrides or ())
+    directory = out or Path("renders") / model.name
+    check_directory(directory)  # now rather than after minutes of work
+    view = ProgressView(model, None if quiet else _console(stderr=True))
+    try:
+        with view:
+            result = run_scene(
+                model,
+                out=directory,
+                base=path.parent,
+                arch=arch,
+                precision=precision,
+                threads=threads,
+                render=render,
+                observer=view,
+            )
+    except KeyboardInterrupt:
+        kept = f"{len(view.steps)} load steps are kept in {directory}" if view.paths else "no load step was finished"
+        typer.echo(f"interrupted: {kept}", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    console = _console()
+    if quiet:
+        report.print_failed_steps(console, result)
+        report.print_failed_checks(console, result)
+    else:
+        report.print_run(console, result)
+    if not result.converged:
+        raise typer.Exit(NOT_CONVERGED)
+    if not result.passed:
+        raise typer.Exit(CHECK_FAILS)
+
+
+@app.command()
+def check(scene: SceneArgument, overrides: SetOption = None) -> None:
+    """Validate a scene and its mesh; run nothing."""
+    from taichi_membrane.commands import report
+    from taichi_membrane.scene import file as scene_file
+    from taichi_membrane.simulation.run import summarise
+
+    path = scene_file.resolve_scene(scene)
+    model, compiled_in, left_out = summarise(scene_file.load_scene(path, overrides or ()), path.parent)
+    report.print_model(_console(), model, compiled_in, left_out)
+
+
+@app.command()
+def render(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of a run.")],
+    field: Annotated[
+        Literal["state", "fold_strain", "major_stress", "displacement"] | None, typer.Option(help="What colours show.")
+    ] = None,
+    azimuth: Annotated[float | None, typer.Option(help="Degrees about z.")] = None,
+    elevation: Annotated[float | None, typer.Option(min=-90, max=90, help="Degrees above the xy plane.")] = None,
+    projection: Annotated[Literal["perspective", "orthographic"] | None, typer.Option()] = None,
+    width: Annotated[int | None, typer.Option(min=240, max=8192, help="Pixels.")] = None,
+    height: Annotated[int | None, typer.Option(min=160, max=8192, help="Pixels.")] = None,
+    outline: Annotated[bool | None, typer.Option("--outline/--no-outline", help="The unstressed shape.")] = None,
+    loads: Annotated[bool | None, typer.Option("--loads/--no-loads", help="Arrows at loads.")] = None,
+    supports: Annotated[bool | None, typer.Option("--supports/--no-supports", help="Marks at supports.")] = None,
+    directions: Annotated[
+        bool | None, typer.Option("--directions/--no-directions", help="Lines along the wrinkles.")
+    ] = None,
+) -> None:
+    """Draw the pictures of a finished run again.
+
+    What is not given is as in the scene of the run.
+    """
+    from taichi_membrane.commands import report
+    from taichi_membrane.commands.progress import ProgressView
+    from taichi_membrane.output.reader import read_scene
+    from taichi_membrane.simulation.run import redraw
+
+    scene = read_scene(directory)
+    asked = {
+        "field": field,
+        "azimuth": azimuth,
+        "elevation": elevation,
+        "projection": projection,
+        "size": (width or scene.camera.size[0], height or scene.camera.size[1]),
+        "outline": outline,
+        "loads": loads,
+        "supports": supports,
+        "directions": directions,
+    }
+    camera = _camera(scene.camera, {key: value for key, value in asked.items() if value is not None})
+    with ProgressView(scene, _console(stderr=True)) as view:
+        files = redraw(directory, camera=camera, observer=view)
+    report.print_files(_console(), directory, files)
+
+
+@app.command()
+def scenes() -> None:
+    """List the shipped scenes."""
+    from taichi_membrane.scene.file import load_scene, shipped_scenes
+
+    shipped = {name: load_scene(path).title for name, path in shipped_scenes().items()}
+    width = max(map(len, shipped), default=0)
+    for name, title in shipped.items():
+        typer.echo(f"{name:<{width}}  {title}".rstrip())
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of a scene."""
+    from taichi_membrane.scene import Scene
+
+    typer.echo(json.dumps(Scene.model_json_schema(), indent=2))
+
+
+def _camera(camera: Camera, changes: dict[str, Any]) -> Camera:
+    from pydantic import ValidationError
+
+    from taichi_membrane.scene.messages import first_problem
+
+    data = {**camera.model_dump(), **changes}
+    try:
+        return type(camera).model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"camera: {first_problem(error, data, type(camera))[0]}") from None
+
+
+def _console(*, stderr: bool = False) -> Console:
+    from rich.console import Console
+
+    return Console(stderr=stderr, highlight=False)
+
+
+def main() -> None:
+    """Entry point of the installed command."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            # A terminal that cannot show "mm³" gets a question mark rather than a crash.
+            stream.reconfigure(errors="replace")
+    app(prog_name="taichi-membrane")

@@ -1,0 +1,259 @@
+"""What the command line prints about a scene and about a run: tables that fit the width, and lists."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from taichi_membrane.scene import Fabric, Scene, Stage
+from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.simulation.model import Model
+from taichi_membrane.simulation.results import CheckResult, RunResult, StepResult
+
+_GAP = 2  # blanks between columns
+_ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
+
+
+@dataclass(frozen=True)
+class Column:
+    """Header and cells of a table's column; columns of rank 0 are always shown, others where there is room, 1 before 2."""
+
+    header: str
+    cells: list[str]
+    rank: int = 0
+
+    @property
+    def width(self) -> int:
+        """Characters of the widest cell."""
+        return max(map(len, [self.header, *self.cells]))
+
+
+def print_run(console: Console, result: RunResult) -> None:
+    """Print the load steps, the checks, times and files of a run."""
+    _print_steps(console, result)
+    print_failed_steps(console, result)
+    if result.checks:
+        console.print()
+        _print_table(console, check_columns(result.scene, result.checks))
+        print_failed_checks(console, result)
+        held = sum(check.passed for check in result.checks)
+        _print_plain(console, f"{held} of {len(result.checks)} checks hold")
+    console.print()
+    spent = ", ".join(f"{phase} {seconds:.1f} s" for phase, seconds in result.seconds.items())
+    real = result.provenance
+    threads = f", {real['threads']} threads" if real["threads"] else ""
+    _print_wrapped(console, "time", f"{spent} ({real['arch']}, {real['precision']}{threads})")
+    if result.directory is not None:
+        print_files(console, result.directory, result.files)
+
+
+def print_failed_steps(console: Console, result: RunResult) -> None:
+    """Print each load step that is no equilibrium, and why."""
+    counts = {stage.name: stage.steps for stage in result.scene.stages}
+    for step in result.steps:
+        if not step.converged:
+            where = f"load step {step.number} ({step.stage} {step.stage_step}/{counts[step.stage]})"
+            _print_plain(console, f"NOT CONVERGED: {where}: {step.reason}", style="bold red")
+
+
+def print_failed_checks(console: Console, result: RunResult) -> None:
+    """Print each check that does not hold, with the source of its reference."""
+    for check in result.checks:
+        if not check.passed:
+            where = f"{check.probe} at {check.stage} {check.step}"
+            unit = probe_unit(result.scene, check.probe)
+            found = "not reached" if check.value is None else f"{_with_unit(check.value, unit)} (error {_error(check)})"
+            wanted = f"{_with_unit(check.reference, unit)} within {_tolerance(check)}"
+            _print_plain(
+                console, f"CHECK FAILS: {where}: {found}, reference {wanted}: {check.source}", style="bold red"
+            )
+
+
+def print_files(console: Console, directory: Path, files: Iterable[Path]) -> None:
+    """Name the files that were written, numbered ones as a range."""
+    _print_wrapped(console, f"wrote {directory}:", ", ".join(ranges([path.name for path in files])))
+
+
+def ranges(names: Sequence[str]) -> list[str]:
+    """Join names that differ in their number alone: ``step_0000.vtu … step_0006.vtu``; the order is that of the first of each."""
+
+    def pattern(name: str) -> str:
+        return re.sub(r"\d+", "#", name)
+
+    order = {kind: number for number, kind in reversed(list(enumerate(map(pattern, names))))}
+    grouped = groupby(sorted(names, key=lambda name: order[pattern(name)]), key=pattern)
+    members = [list(group) for _, group in grouped]
+    return [group[0] if len(group) == 1 else f"{group[0]} … {group[-1]}" for group in members]
+
+
+def check_columns(scene: Scene, checks: Sequence[CheckResult]) -> list[Column]:
+    """The table of checks: value, reference, error, tolerance, verdict."""
+    return [
+        Column("check", [check.probe for check in checks]),
+        Column("at", [f"{check.stage} {check.step}" for check in checks]),
+        Column("value", ["not reached" if check.value is None else f"{check.value:.6g}" for check in checks]),
+        Column("reference", [_with_unit(check.reference, probe_unit(scene, check.probe)) for check in checks]),
+        Column("error", [_error(check) for check in checks]),
+        Column("tolerance", [_tolerance(check) for check in checks]),
+        Column("", ["pass" if check.passed else "FAIL" for check in checks]),
+    ]
+
+
+def _error(check: CheckResult) -> str:
+    if check.error is None:
+        return "-"
+    return f"{100 * check.error:+.2g} %" if check.relative else f"{check.error:+.3g}"
+
+
+def _tolerance(check: CheckResult) -> str:
+    return f"{100 * check.tolerance:.3g} %" if check.relative else f"{check.tolerance:.3g}"
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value:.6g} {unit}".rstrip()
+
+
+def _print_steps(console: Console, result: RunResult) -> None:
+    """The columns every reader needs, and of the others as many as fit the width."""
+    columns = step_columns(result.scene, result.steps)
+    shown = fitting(columns, console.width)
+    _print_table(console, shown)
+    if len(shown) < len(columns):
+        place = "" if result.directory is None else " (in history.csv)"
+        missing = ", ".join(column.header for column in columns if column not in shown)
+        _print_wrapped(console, "not shown:", f"{missing}{place}")
+
+
+def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
+    """The table of load steps in full width; what the steps change ranks above what stays the same."""
+    counts = {stage.name: stage.steps for stage in scene.stages}
+    states = [step.elements.count() for step in steps]
+    sizes = [len(step.elements.state) for step in steps]
+    slack = [f"{count['slack'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]
+    solvers = [step.solver for step in steps]
+    return [
+        Column("step", [str(step.number) for step in steps]),
+        Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
+        *(_numbers(name, scene.units.stress, [step.pressures[name] for step in steps]) for name in scene.pressures),
+        *(_numbers(name, load_unit(scene, name), [step.loads[name] for step in steps]) for name in scene.loads),
+        *(_numbers(name, motion_unit(scene, name), [step.motions[name] for step in steps]) for name in scene.motions),
+        *(_numbers(name, probe_unit(scene, name), [step.probes[name] for step in steps]) for name in scene.probes),
+        replace(_numbers("volume", scene.units.volume, [step.volume for step in steps]), rank=2),
+        Column("wrinkled", [f"{count['wrinkled'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]),
+        Column("slack", slack, rank=_rank(slack)),
+        Column("solver", solvers, rank=_rank(solvers)),
+        Column("iterations", [str(step.iterations) for step in steps]),
+        Column("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
+    ]
+
+
+def fitting(columns: Sequence[Column], width: int) -> list[Column]:
+    """The columns that fit ``width`` characters, in order: all of rank 0, the others by rank while there is room."""
+    room = width + _GAP - sum(column.width + _GAP for column in columns if column.rank == 0)
+    chosen = []
+    for column in sorted((column for column in columns if column.rank > 0), key=lambda column: column.rank):
+        if column.width + _GAP <= room:
+            room -= column.width + _GAP
+            chosen.append(column)
+    return [column for column in columns if column.rank == 0 or column in chosen]
+
+
+def _numbers(name: str, unit: str, values: list[float]) -> Column:
+    negligible = _ROUND_OFF * max(map(abs, values), default=0.0)
+    cells = [f"{0.0 if abs(value) < negligible else value:.5g}" for value in values]
+    return Column(f"{name} [{unit}]" if unit else name, cells, rank=_rank(cells))
+
+
+def _rank(cells: list[str]) -> int:
+    return 1 if len(set(cells)) > 1 else 2
+
+
+def _print_table(console: Console, columns: Sequence[Column]) -> None:
+    table = Table(box=None, padding=(0, _GAP, 0, 0), pad_edge=False, header_style="bold")
+    for number, column in enumerate(columns):
+        words = number < 2 or not any(cell[:1].isdigit() or cell[:1] in "+-" for cell in column.cells)
+        table.add_column(Text(column.header), justify="left" if words else "right", overflow="fold")
+    for row in zip(*(column.cells for column in columns), strict=True):
+        table.add_row(*(Text(cell, style="bold red" if cell in ("FAIL", "FAILED") else "") for cell in row))
+    console.print(table)
+
+
+def _print_plain(console: Console, line: str, style: str = "") -> None:
+    console.print(Text(line, style=style), soft_wrap=True)
+
+
+def _print_wrapped(console: Console, label: str, text: str) -> None:
+    """Fill lines up to the width, with a hanging indent; words are never broken."""
+    indent = min(len(label) + 1, 12)
+    lines = textwrap.wrap(
+        f"{label} {text}", console.width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+    )
+    _print_plain(console, "\n".join(lines))
+
+
+def print_model(console: Console, model: Model, compiled_in: Sequence[str], left_out: Sequence[str]) -> None:
+    """Print what a scene amounts to: sizes, groups, fabrics, what acts, what is compiled in."""
+    scene, mesh = model.scene, model.structure.mesh
+    units = scene.units
+    closed = f"closed, volume {mesh.enclosed_volume():.6g} {units.volume}" if mesh.is_closed else "open"
+    area = f"area {mesh.tri_areas().sum():.6g} {units.area}"
+    lines = [
+        ("scene", f"{scene.name}: {scene.title}" if scene.title else scene.name),
+        ("units", f"{units.length}, {units.force}, stress and pressure in {units.stress}"),
+        ("mesh", f"{scene.mesh.shape}: {mesh.node_count} nodes, {mesh.tri_count} elements, {area}, {closed}"),
+        ("nodes", ", ".join(f"{name}: {len(members)}" for name, members in mesh.node_groups.items())),
+        ("elements", ", ".join(f"{name}: {len(members)}" for name, members in mesh.tri_groups.items())),
+        *(("fabric", line) for line in _fabric_lines(scene)),
+        *(
+            ("support", f"{item.group}: {item.hold or f'normal {list(item.normal or ())}'} held")
+            for item in scene.supports
+        ),
+        *(("motion", f"{name}: {item.kind} of {item.group} in {item.hold}") for name, item in scene.motions.items()),
+        *(("pressure", f"{name}: {item.kind}, on {item.group}") for name, item in scene.pressures.items()),
+        *(("load", f"{name}: {item.kind} on {item.group}") for name, item in scene.loads.items()),
+        *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
+        ("probes", ", ".join(scene.probes) or "none"),
+        ("checks", str(len(scene.checks)) if scene.checks else "none"),
+        ("compiled in", ", ".join(compiled_in) or "nothing beyond the linear element"),
+        ("left out", ", ".join(left_out) or "nothing"),
+    ]
+    before = ""
+    for label, text in lines:
+        _print_wrapped(console, f"{label if label != before else '':<11}", text)
+        before = label
+
+
+def _fabric_lines(scene: Scene) -> list[str]:
+    default = {"all" if not scene.fabrics else "all others": scene.fabric} if scene.fabric is not None else {}
+    return [f"{group}: {_fabric_line(scene, fabric)}" for group, fabric in (default | scene.fabrics).items()]
+
+
+def _fabric_line(scene: Scene, fabric: Fabric) -> str:
+    stress = scene.units.stress
+    if fabric.E is not None:
+        moduli = f"E = {fabric.E:g} {stress}, nu = {fabric.nu:g}"
+    else:
+        moduli = (
+            f"E_warp = {fabric.warp_modulus:g}, E_weft = {fabric.weft_modulus:g}, G = {fabric.shear_modulus:g} {stress}, "
+            f"nu = {fabric.nu:g}"
+        )
+    prestress = f", prestress {list(fabric.prestress)} {stress}" if any(fabric.prestress) else ""
+    return f"{moduli}, thickness {fabric.thickness:g} {scene.units.length}, wrinkling law {fabric.law}{prestress}"
+
+
+def _stage_line(scene: Scene, stage: Stage) -> str:
+    if isinstance(stage.pressure, dict):
+        aims = [f"pressure {name} to {value:g} {scene.units.stress}" for name, value in stage.pressure.items()]
+    else:
+        aims = [] if stage.pressure is None else [f"pressure to {stage.pressure:g} {scene.units.stress}"]
+    aims += [f"load {name} to {_with_unit(value, load_unit(scene, name))}" for name, value in stage.loads.items()]
+    aims += [f"motion {name} to {_with_unit(value, motion_unit(scene, name))}" for name, value in stage.motions.items()]
+    return f"{stage.name}: {stage.steps} {'step' if stage.steps == 1 else 'steps'}, {', '.join(aims) or 'no change'}"

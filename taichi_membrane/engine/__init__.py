@@ -1,0 +1,1 @@
+"""Mechanics on the device: fabric, element, membrane, and the solvers relaxation and Newton."""

@@ -1,0 +1,475 @@
+"""Taichi fields and kernels of one structure: corner forces, nodal sums, energy, volume, stresses.
+
+A :class:`Membrane` is built once per run. The mesh and everything that never changes is uploaded then; displacements,
+pressures and loads are set by methods. A feature the structure does not use owns no field here and compiles no branch.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from taichi_membrane.engine import element, fabric, preparation, runtime
+from taichi_membrane.engine.preparation import Features, Floats, Structure
+from taichi_membrane.names import TAUT
+
+# Sums run over this many fixed blocks, each added in order: the same bits whatever thread takes which block.
+_CPU_BLOCKS = 128
+_GPU_BLOCK_LENGTH = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElementState:
+    """State of every triangle at the present displacements; stresses and strains in fabric axes (warp, weft, shear).
+
+    :param strain: (m, 3); shear is the engineering shear strain.
+    :param stress: (m, 3) force per area.
+    :param state: (m,) 0 taut, 1 wrinkled, 2 slack.
+    :param fold_strain: (m,) largest principal strain stored in folds, zero where taut.
+    :param taut_margin: (m,) minor principal trial stress over the fabric's larger modulus; negative where not taut.
+    :param slack_margin: (m,) major principal strain; negative where slack.
+    """
+
+    strain: Floats
+    stress: Floats
+    state: NDArray[np.int8]
+    fold_strain: Floats
+    taut_margin: Floats
+    slack_margin: Floats
+
+
+@ti.data_oriented
+class Membrane:
+    """Fields and kernels of one structure; see the module text."""
+
+    def __init__(self, structure: Structure) -> None:
+        active = runtime.current()
+        self.structure = structure
+        self.features: Features = structure.features()
+        self.fp: Any = ti.f64 if active.precision == "f64" else ti.f32
+        self.dtype: Any = np.float64 if active.precision == "f64" else np.float32
+        # Single precision resolves a displacement of 10 mm to 5e-7 mm, which a stiff fabric answers with a few percent of its
+        # stress. The part that is rounded off is kept beside it, so that differences of displacements keep all their digits.
+        self.split_displacement = active.precision == "f32"
+        self.geometry = preparation.triangle_geometry(structure.mesh, structure.tri_warp)
+        self.node_count, self.tri_count = structure.mesh.node_count, structure.mesh.tri_count
+        if active.on_cpu:
+            self.node_block_length = -(-self.node_count // _CPU_BLOCKS)
+            self.tri_block_length = -(-self.tri_count // _CPU_BLOCKS)
+        else:
+            self.node_block_length = self.tri_block_length = _GPU_BLOCK_LENGTH
+        self.node_block_count = -(-self.node_count // self.node_block_length)
+        self.tri_block_count = -(-self.tri_count // self.tri_block_length)
+        self._allocate()
+        self._upload()
+
+    # ---- set-up
+
+    def _allocate(self) -> None:
+        fp, features = self.fp, self.features
+        self.node_rest = ti.Vector.field(3, fp, shape=self.node_count)
+        self.node_displacement = ti.Vector.field(3, fp, shape=self.node_count)
+        if self.split_displacement:
+            self.node_displacement_rest = ti.Vector.field(3, fp, shape=self.node_count)
+        self.node_held = ti.Vector.field(3, ti.i32, shape=self.node_count)
+        self.node_corner_start = ti.field(ti.i32, shape=self.node_count + 1)
+        self.node_corner = ti.field(ti.i32, shape=3 * self.tri_count)
+        self.tri_node = ti.Vector.field(3, ti.i32, shape=self.tri_count)
+        self.tri_side_length = ti.Vector.field(3, fp, shape=self.tri_count)
+        self.tri_volume = ti.field(fp, shape=self.tri_count)
+        self.tri_strain_matrix = ti.Matrix.field(3, 3, fp, shape=self.tri_count)
+        self.tri_corner_force = ti.Vector.field(3, fp, shape=3 * self.tri_count)
+        self.block_sum = ti.Vector.field(2, fp, shape=max(self.node_block_count, self.tri_block_count))
+        self.fabric_constants = fabric.fabric_record(fp).field(shape=len(self.structure.fabrics))
+        if features.several_fabrics:
+            self.tri_fabric = ti.field(ti.i32, shape=self.tri_count)
+        if len(features.variants) > 1:
+            self.fabric_variant = ti.field(ti.i32, shape=len(self.structure.fabrics))
+        if features.prestress:
+            self.fabric_prestrain = ti.Vector.field(3, fp, shape=len(self.structure.fabrics))
+        if features.pressure != "none":
+            self.chamber_count = int(self.structure.tri_chamber.max()) + 1
+            self.chamber_pressure = ti.field(fp, shape=self.chamber_count)
+        if features.pressure == "by_chamber":
+            self.tri_chamber = ti.field(ti.i32, shape=self.tri_count)
+        if features.slanted:
+            self.node_frame = ti.Matrix.field(3, 3, fp, shape=self.node_count)
+        if features.loads:
+            self.node_load = ti.Vector.field(3, fp, shape=self.node_count)
+
+    def _upload(self) -> None:
+        structure, features, mesh, dtype = self.structure, self.features, self.structure.mesh, self.dtype
+        thickness = np.array([one.thickness for one in structure.fabrics])[structure.tri_fabric]
+        # The structure's own middle is the origin: coordinates far away would cost single precision its digits.
+        self.origin = 0.5 * (mesh.points.min(axis=0) + mesh.points.max(axis=0))
+        self.node_rest.from_numpy((mesh.points - self.origin).astype(dtype))
+        self.node_held.from_numpy(structure.node_held.astype(np.int32))
+        if features.slanted and structure.node_frame is not None:
+            self.node_frame.from_numpy(structure.node_frame.astype(dtype))
+        start, corners = preparation.gather_lists(mesh.triangles, mesh.node_count)
+        self.node_corner_start.from_numpy(start)
+        self.node_corner.from_numpy(corners)
+        self.tri_node.from_numpy(np.ascontiguousarray(mesh.triangles))
+        self.tri_side_length.from_numpy(self.geometry.side_length.astype(dtype))
+        self.tri_volume.from_numpy((self.geometry.area * thickness).astype(dtype))
+        self.tri_strain_matrix.from_numpy(self.geometry.strain_matrix.astype(dtype))
+        columns = preparation.fabric_record_columns(structure.fabrics)
+        self.fabric_constants.from_numpy({name: column.astype(dtype) for name, column in columns.items()})
+        if features.several_fabrics:
+            self.tri_fabric.from_numpy(structure.tri_fabric.astype(np.int32))
+        if len(features.variants) > 1:
+            numbers = [_variant_number(features, one) for one in structure.fabrics]
+            self.fabric_variant.from_numpy(np.array(numbers, dtype=np.int32))
+        if features.prestress:
+            # A prestress is the elastic answer to a strain offset, so the wrinkling laws need not know of it.
+            offsets = [one.compliance() @ np.array(one.prestress) for one in structure.fabrics]
+            self.fabric_prestrain.from_numpy(np.array(offsets, dtype=dtype))
+        if features.pressure == "by_chamber":
+            self.tri_chamber.from_numpy(structure.tri_chamber.astype(np.int32))
+
+    # ---- what a run changes
+
+    def set_displacement(self, displacement: Floats) -> None:
+        """Set all nodal displacements, (node_count, 3) lengths."""
+        leading = np.ascontiguousarray(displacement, dtype=self.dtype)
+        self.node_displacement.from_numpy(leading)
+        if self.split_displacement:
+            self.node_displacement_rest.from_numpy((displacement - leading).astype(self.dtype))
+
+    def in_frames(self, vectors: Floats) -> Floats:
+        """Nodal vectors (node_count, 3) in the axes that supports refer to."""
+        frame = self.structure.node_frame
+        return vectors if frame is None else np.einsum("nij,nj->ni", frame, vectors)
+
+    def from_frames(self, vectors: Floats) -> Floats:
+        """Nodal vectors (node_count, 3) given in the supports' axes, in x, y, z."""
+        frame = self.structure.node_frame
+        return vectors if frame is None else np.einsum("nji,nj->ni", frame, vectors)
+
+    def displacement(self) -> Floats:
+        """Nodal displacements, (node_count, 3) lengths, in double precision."""
+        leading = self.node_displacement.to_numpy().astype(np.float64)
+        return leading + self.node_displacement_rest.to_numpy() if self.split_displacement else leading
+
+    def set_pressures(self, pressures: Floats) -> None:
+        """Set each chamber's pressure (force per area, positive along the triangles' normals)."""
+        if self.features.pressure != "none":
+            self.chamber_pressure.from_numpy(np.asarray(pressures, dtype=self.dtype))
+
+    def set_loads(self, loads: Floats) -> None:
+        """Set the dead nodal forces, (node_count, 3)."""
+        if self.features.loads:
+            self.node_load.from_numpy(np.ascontiguousarray(loads, dtype=self.dtype))
+
+    def bytes_allocated(self) -> int:
+        """Memory of this membrane's fields."""
+        return sum(_field_bytes(one) for one in vars(self).values() if isinstance(one, ti.Field))
+
+    def prestress_norm(self) -> float:
+        """Size of the nodal forces that prestress balances, a scale for residuals where no load acts."""
+        level = np.array([np.linalg.norm(one.prestress) * one.thickness for one in self.structure.fabrics])
+        return float(np.sqrt((level[self.structure.tri_fabric] ** 2 * self.geometry.area).sum()))
+
+    # ---- one triangle
+
+    @ti.func
+    def fabric_number(self, t):
+        """Number of the triangle's fabric; the constant 0 when there is one fabric."""
+        number = 0
+        if ti.static(self.features.several_fabrics):
+            number = self.tri_fabric[t]
+        return number
+
+    @ti.func
+    def pressure_on(self, t):
+        """Pressure on a triangle."""
+        pressure = ti.cast(0.0, self.fp)
+        if ti.static(self.features.pressure == "uniform"):
+            pressure = self.chamber_pressure[0]
+        if ti.static(self.features.pressure == "by_chamber"):
+            chamber = self.tri_chamber[t]
+            if chamber >= 0:
+                pressure = self.chamber_pressure[chamber]
+        return pressure
+
+    @ti.func
+    def displacement_difference(self, i, j):
+        """Displacement of node ``i`` less that of node ``j``."""
+        difference = self.node_displacement[i] - self.node_displacement[j]
+        if ti.static(self.split_displacement):
+            difference += self.node_displacement_rest[i] - self.node_displacement_rest[j]
+        return difference
+
+    @ti.func
+    def add_displacement(self, i, increment):
+        """Add to the displacement of node ``i``; what rounding drops from the leading part goes to the rest."""
+        if ti.static(self.split_displacement):
+            before = self.node_displacement[i]
+            change = increment + self.node_displacement_rest[i]
+            after = before + change
+            self.node_displacement[i] = after
+            self.node_displacement_rest[i] = change - (after - before)
+        else:
+            self.node_displacement[i] += increment
+
+    @ti.func
+    def sides(self, t):
+        """Vectors of the three sides at rest, and the differences of their ends' displacements; rows of two matrices."""
+        nodes = self.tri_node[t]
+        x_0, x_1, x_2 = self.node_rest[nodes[0]], self.node_rest[nodes[1]], self.node_rest[nodes[2]]
+        rest = ti.Matrix.rows([x_2 - x_1, x_0 - x_2, x_1 - x_0])
+        stretch = ti.Matrix.rows(
+            [
+                self.displacement_difference(nodes[2], nodes[1]),
+                self.displacement_difference(nodes[0], nodes[2]),
+                self.displacement_difference(nodes[1], nodes[0]),
+            ]
+        )
+        return rest, stretch
+
+    @ti.func
+    def strain_and_sides(self, t, k, rest, stretch, variant: ti.template()):
+        """Strain in fabric axes (eq. 7) with the offset that stands for prestress, side lengths, force-density factors."""
+        rest_length = self.tri_side_length[t]
+        extension, length, factor = 0.0 * rest_length, 0.0 * rest_length, 0.0 * rest_length
+        for a in ti.static(range(3)):
+            extension[a], length[a], factor[a] = element.side_extension(
+                rest[a, :], stretch[a, :], rest_length[a], variant.green
+            )
+        strain = self.tri_strain_matrix[t] @ extension
+        if ti.static(self.features.prestress):
+            strain += self.fabric_prestrain[k]
+        return strain, length, factor
+
+    @ti.func
+    def natural_forces(self, t, k, rest, stretch, variant: ti.template()):
+        """Side forces T = V Gᵀ σ (eq. 12), present side lengths and force-density factors of triangle ``t``."""
+        strain, length, factor = self.strain_and_sides(t, k, rest, stretch, variant)
+        stress, _, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
+        return self.tri_volume[t] * (self.tri_strain_matrix[t].transpose() @ stress), length, factor
+
+    @ti.func
+    def force_densities(self, t, k, rest, stretch):
+        """Force over length of the three sides of triangle ``t``, by the element code its fabric needs."""
+        density = ti.Vector.zero(self.fp, 3)
+        for number in ti.static(range(len(self.features.variants))):
+            if self.has_variant(k, number):
+                side_force, _, factor = self.natural_forces(t, k, rest, stretch, self.features.variants[number])
+                density = side_force * factor
+        return density
+
+    @ti.func
+    def has_variant(self, k, number: ti.template()):
+        """Whether fabric ``k`` needs element code ``number``; always so when there is only one."""
+        result = True
+        if ti.static(len(self.features.variants) > 1):
+            result = self.fabric_variant[k] == number
+        return result
+
+    @ti.func
+    def store_corner_forces(self, t):
+        """Forces of triangle ``t`` on its corners: natural side forces and follower pressure, at the present place."""
+        rest, stretch = self.sides(t)
+        density = self.force_densities(t, self.fabric_number(t), rest, stretch)
+        side_0, side_1, side_2 = rest[0, :] + stretch[0, :], rest[1, :] + stretch[1, :], rest[2, :] + stretch[2, :]
+        pull_0, pull_1, pull_2 = density[0] * side_0, density[1] * side_1, density[2] * side_2
+        force_0, force_1, force_2 = pull_2 - pull_1, pull_0 - pull_2, pull_1 - pull_0
+        if ti.static(self.features.pressure != "none"):
+            push = element.pressure_corner_force(self.pressure_on(t), side_1, side_2)
+            force_0 += push
+            force_1 += push
+            force_2 += push
+        self.tri_corner_force[3 * t] = force_0
+        self.tri_corner_force[3 * t + 1] = force_1
+        self.tri_corner_force[3 * t + 2] = force_2
+
+    @ti.func
+    def gathered_force(self, i):
+        """Out-of-balance force at node ``i``: the sum of its corner forces and its dead load."""
+        force = ti.Vector.zero(self.fp, 3)
+        for c in range(self.node_corner_start[i], self.node_corner_start[i + 1]):
+            force += self.tri_corner_force[self.node_corner[c]]
+        if ti.static(self.features.loads):
+            force += self.node_load[i]
+        return force
+
+    @ti.func
+    def first_node(self, block):
+        """First node of a block of the deterministic sums, or the number of nodes past the last one."""
+        return ti.min(block * self.node_block_length, self.node_count)
+
+    @ti.func
+    def first_triangle(self, block):
+        """First triangle of a block of the deterministic sums, or the number of triangles past the last one."""
+        return ti.min(block * self.tri_block_length, self.tri_count)
+
+    @ti.func
+    def side_bounds(self, t, k, variant: ti.template()):
+        """Stiffness bounds of the three sides of triangle ``t``; see :func:`element.side_stiffness_bound`."""
+        f = self.fabric_constants[k]
+        matrix = self.tri_strain_matrix[t]
+        rest_length = self.tri_side_length[t]
+        rest, stretch = self.sides(t)
+        side_force, length, _ = self.natural_forces(t, k, rest, stretch, variant)
+        bound = 0.0 * rest_length
+        for a in ti.static(range(3)):
+            column = fabric.elastic_stress(ti.Vector([matrix[0, a], matrix[1, a], matrix[2, a]]), f)
+            row_sum = self.tri_volume[t] * ti.abs(matrix.transpose() @ column).sum()
+            bound[a] = element.side_stiffness_bound(
+                row_sum, side_force[a], length[a], rest_length[a], self.pressure_on(t), variant.green
+            )
+        return bound
+
+    @ti.func
+    def store_corner_stiffness(self, t):
+        """Stiffness bounds of triangle ``t``'s sides at both ends of each, in the first component of the corner forces."""
+        k = self.fabric_number(t)
+        bound = ti.Vector.zero(self.fp, 3)
+        for number in ti.static(range(len(self.features.variants))):
+            if self.has_variant(k, number):
+                bound = self.side_bounds(t, k, self.features.variants[number])
+        for a in ti.static(range(3)):
+            self.tri_corner_force[3 * t + a] = ti.Vector([bound.sum() - bound[a], 0.0, 0.0])
+
+    # ---- kernels
+
+    @ti.kernel
+    def _forces_kernel(self, out: ti.types.ndarray()):
+        for t in range(self.tri_count):
+            self.store_corner_forces(t)
+        for i in range(self.node_count):
+            force = self.gathered_force(i)
+            for c in ti.static(range(3)):
+                out[i, c] = force[c]
+
+    def out_of_balance(self) -> Floats:
+        """(node_count, 3) out-of-balance forces, minus the gradient of the potential; at held nodes, minus the reactions."""
+        out = np.zeros((self.node_count, 3), dtype=self.dtype)
+        self._forces_kernel(out)
+        return out.astype(np.float64)
+
+    @ti.func
+    def energy_density(self, t, k, variant: ti.template()):
+        """Strain energy per volume of triangle ``t``."""
+        rest, stretch = self.sides(t)
+        strain, _, _ = self.strain_and_sides(t, k, rest, stretch, variant)
+        _, density, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
+        return density
+
+    @ti.func
+    def triangle_potential(self, t):
+        """Strain energy, and pressure times swept volume, of triangle ``t``."""
+        k = self.fabric_number(t)
+        density = ti.cast(0.0, self.fp)
+        for number in ti.static(range(len(self.features.variants))):
+            if self.has_variant(k, number):
+                density = self.energy_density(t, k, self.features.variants[number])
+        work = ti.cast(0.0, self.fp)
+        if ti.static(self.features.pressure != "none"):
+            work = self.pressure_on(t) * self.swept_by(t)
+        return ti.Vector([self.tri_volume[t] * density, work])
+
+    @ti.func
+    def swept_by(self, t):
+        """Volume swept by a triangle since rest."""
+        nodes = self.tri_node[t]
+        rest, stretch = self.sides(t)
+        total = self.node_displacement[nodes[0]] + self.node_displacement[nodes[1]] + self.node_displacement[nodes[2]]
+        return element.swept_volume(
+            total / 3.0,
+            rest[1, :],
+            rest[2, :],
+            stretch[1, :],
+            stretch[2, :],
+        )
+
+    @ti.kernel
+    def _potential_kernel(self):
+        for block in range(self.tri_block_count):
+            total = ti.Vector.zero(self.fp, 2)
+            for t in range(self.first_triangle(block), self.first_triangle(block + 1)):
+                total += self.triangle_potential(t)
+            self.block_sum[block] = total
+
+    def potential_energy(self, loads: Floats) -> tuple[float, float]:
+        """Total potential (strain energy less work of pressure and dead loads) and strain energy, force times length."""
+        self._potential_kernel()
+        strain, pressure = self.block_sum.to_numpy()[: self.tri_block_count].astype(np.float64).sum(axis=0)
+        return float(strain - pressure - np.vdot(loads, self.displacement())), float(strain)
+
+    def swept_volumes(self, displacement: Floats) -> Floats:
+        """(tri_count,) volume each triangle has swept since rest, in double precision (NumPy; once per load step)."""
+        corners = self.structure.mesh.points[self.structure.mesh.triangles]
+        moved = displacement[self.structure.mesh.triangles]
+        rest_1, rest_2 = corners[:, 0] - corners[:, 2], corners[:, 1] - corners[:, 0]
+        stretch_1, stretch_2 = moved[:, 0] - moved[:, 2], moved[:, 1] - moved[:, 0]
+        linear = np.cross(rest_1, stretch_2) + np.cross(stretch_1, rest_2)
+        area = np.cross(rest_1, rest_2) + 0.5 * linear + np.cross(stretch_1, stretch_2) / 3.0
+        return np.asarray(0.5 * np.einsum("ij,ij->i", moved.mean(axis=1), area))
+
+    @ti.func
+    def state_of(self, t, k, variant: ti.template()):
+        """Strain, stress, state and the three scalars of :class:`ElementState` of triangle ``t``."""
+        f = self.fabric_constants[k]
+        rest, stretch = self.sides(t)
+        strain, _, _ = self.strain_and_sides(t, k, rest, stretch, variant)
+        stress, _, state = fabric.response(strain, f, variant.law, variant.orthotropic)
+        trial = fabric.elastic_stress(strain, f)
+        folds = fabric.fold_strain(strain, stress, f)
+        fold_major, _ = fabric.principal_values(folds[0], folds[1], 0.5 * folds[2])
+        _, trial_minor = fabric.principal_values(trial[0], trial[1], trial[2])
+        strain_major, _ = fabric.principal_values(strain[0], strain[1], 0.5 * strain[2])
+        if state == TAUT:
+            fold_major *= 0.0
+        modulus = ti.max(f.root_warp, f.root_weft) ** 2
+        return strain, stress, state, ti.Vector([ti.max(fold_major, 0.0), trial_minor / modulus, strain_major])
+
+    @ti.kernel
+    def _state_kernel(
+        self,
+        strain_out: ti.types.ndarray(),
+        stress_out: ti.types.ndarray(),
+        state_out: ti.types.ndarray(),
+        scalar_out: ti.types.ndarray(),
+    ):
+        for t in range(self.tri_count):
+            k = self.fabric_number(t)
+            for number in ti.static(range(len(self.features.variants))):
+                if self.has_variant(k, number):
+                    strain, stress, state, scalars = self.state_of(t, k, self.features.variants[number])
+                    state_out[t] = state
+                    for c in ti.static(range(3)):
+                        strain_out[t, c] = strain[c]
+                        stress_out[t, c] = stress[c]
+                        scalar_out[t, c] = scalars[c]
+
+    def element_state(self) -> ElementState:
+        """Strain, stress and wrinkling state of every triangle at the present displacements."""
+        strain, stress = (np.zeros((self.tri_count, 3), dtype=self.dtype) for _ in range(2))
+        state = np.zeros(self.tri_count, dtype=np.int32)
+        scalars = np.zeros((self.tri_count, 3), dtype=self.dtype)
+        self._state_kernel(strain, stress, state, scalars)
+        return ElementState(
+            strain=strain.astype(np.float64),
+            stress=stress.astype(np.float64),
+            state=state.astype(np.int8),
+            fold_strain=scalars[:, 0].astype(np.float64),
+            taut_margin=scalars[:, 1].astype(np.float64),
+            slack_margin=scalars[:, 2].astype(np.float64),
+        )
+
+
+def _variant_number(features: Features, one: preparation.FabricConstants) -> int:
+    """Number of a fabric's element code; an unused fabric may get any."""
+    variant = preparation.variant_of(one)
+    return features.variants.index(variant) if variant in features.variants else 0
+
+
+def _field_bytes(one: Any) -> int:
+    """Bytes of a field's values: a matrix field has n · m of them at each place, a record as many as it has members."""
+    if isinstance(one, ti.StructField):
+        return sum(_field_bytes(member) for member in one._members)
+    width = np.dtype(ti.lang.util.to_numpy_type(one.dtype)).itemsize
+    return int(np.prod(one.shape)) * width * (one.n * one.m if isinstance(one, ti.MatrixField) else 1)

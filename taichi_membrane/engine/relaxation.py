@@ -1,0 +1,275 @@
+"""Dynamic relaxation with kinetic damping on a fictitious mass that bounds the stiffness.
+
+The structure moves freely (no damping) with time step 1; whenever its kinetic energy passes a peak it is set back to that peak and
+starts again from rest (eqs. 17-22 of the seed paper). Central differences are stable while 4 M ≥ K in the sense of the
+highest eigenvalue. With k the bound of :func:`element.side_stiffness_bound` for each side, K ≤ 2 Σ k at each node, hence
+M = ½ Σ k: the
+seed's eq. 19 with its inequality the right way round, and with the side-to-side coupling that its diagonal sum leaves out.
+
+Peak search, step back and the test for convergence happen on the device; the host looks at the result now and then.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from taichi_membrane.engine import runtime
+from taichi_membrane.engine.membrane import Membrane
+from taichi_membrane.engine.preparation import Floats
+
+RUNNING, CONVERGED, NOT_FINITE = 0, 1, 2
+
+# At convergence the kinetic energy must have died as well, to this share of the step's largest.
+_KINETIC_SHARE = 1e-2
+# The host reads the device's verdict after this many iterations at most (a read costs about one iteration of a small mesh).
+_POLL = 32
+# Masses follow the geometry: refreshed at first every iteration, then at intervals that double while they grow by less than 1 %.
+_LONGEST_REFRESH = 256
+_SECOND_LEVEL = 256
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """What a solver reports while it works."""
+
+    iteration: int
+    residual: float
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolveRecord:
+    """How a solve ended.
+
+    :param reason: ``residual`` when converged, else ``iteration limit``, ``not finite`` or ``stagnated``.
+    :param residual: 2-norm of the out-of-balance forces on free degrees of freedom over the reference load.
+    :param peaks: kinetic-energy peaks passed.
+    :param method: which solver did it, such as ``newton`` or, where several took part, ``newton 60 + relaxation 500 + newton 7``.
+    """
+
+    converged: bool
+    reason: str
+    iterations: int
+    residual: float
+    peaks: int
+    seconds: float
+    method: str
+
+
+@ti.data_oriented
+class Relaxation:
+    """Dynamic relaxation of one membrane; owns velocities, masses and the energy history."""
+
+    def __init__(self, membrane: Membrane) -> None:
+        m = membrane
+        self.membrane = m
+        self.fp = m.fp
+        self.two_levels = not runtime.current().on_cpu
+        self.node_velocity = ti.Vector.field(3, m.fp, shape=m.node_count)
+        self.node_force = ti.Vector.field(3, m.fp, shape=m.node_count)
+        self.node_mass = ti.field(m.fp, shape=m.node_count)
+        control = ti.types.struct(
+            status=ti.i32, peak=ti.i32, peaks=ti.i32, iterations=ti.i32,
+            gain=m.fp, back=m.fp, energy=m.fp, energy_before=m.fp, energy_largest=m.fp, residual=m.fp, mass_growth=m.fp,
+        )  # fmt: skip
+        self.control = control.field(shape=())
+        if self.two_levels:
+            self.group_length = -(-m.node_block_count // _SECOND_LEVEL)
+            self.group_count = -(-m.node_block_count // self.group_length)
+            self.group_sum = ti.Vector.field(2, m.fp, shape=self.group_count)
+
+    # ---- kernels
+
+    @ti.func
+    def free_part(self, i, force):
+        """The force at a node with its held components removed."""
+        held = self.membrane.node_held[i]
+        local = force
+        if ti.static(self.membrane.features.slanted):
+            local = self.membrane.node_frame[i] @ force
+        free = ti.Vector([local[c] * ti.cast(1 - held[c], self.fp) for c in ti.static(range(3))])
+        if ti.static(self.membrane.features.slanted):
+            free = self.membrane.node_frame[i].transpose() @ free
+        return free
+
+    @ti.func
+    def total_of_blocks(self):
+        """Sum of the block sums in a fixed order (the groups, where there are two levels, are already summed)."""
+        total = ti.Vector.zero(self.fp, 2)
+        if ti.static(self.two_levels):
+            ti.loop_config(serialize=True)
+            for group in range(self.group_count):
+                total += self.group_sum[group]
+        else:
+            ti.loop_config(serialize=True)
+            for block in range(self.membrane.node_block_count):
+                total += self.membrane.block_sum[block]
+        return total
+
+    @ti.func
+    def sum_group(self, group):
+        """Second level of the block sums."""
+        total = ti.Vector.zero(self.fp, 2)
+        last = ti.min((group + 1) * self.group_length, self.membrane.node_block_count)
+        for block in range(group * self.group_length, last):
+            total += self.membrane.block_sum[block]
+        self.group_sum[group] = total
+
+    @ti.func
+    def accelerate(self, i, gain):
+        """Velocity of node ``i`` half a step on (eq. 18); returns kinetic energy and squared residual."""
+        force = self.free_part(i, self.membrane.gathered_force(i))
+        self.node_force[i] = force
+        mass = self.node_mass[i]
+        velocity = self.node_velocity[i] + gain / mass * force
+        self.node_velocity[i] = velocity
+        return ti.Vector([0.5 * mass * velocity.dot(velocity), force.dot(force)])
+
+    @ti.func
+    def judge(self, kinetic, squared_residual, tolerance, reference):
+        """Decide whether the energy has passed a peak, whether the state has converged, and how far to step back."""
+        c = self.control[None]
+        c.residual = ti.sqrt(squared_residual) / reference
+        c.iterations += 1
+        c.peak = 0
+        if not (kinetic + squared_residual < ti.cast(ti.math.inf, self.fp)):
+            c.status = NOT_FINITE
+        elif c.residual <= tolerance and c.energy <= _KINETIC_SHARE * c.energy_largest:
+            c.status = CONVERGED
+        elif kinetic < c.energy:
+            # Parabola through three energies at times -1, 0, 1; the peak lies within half a step of the middle one.
+            curvature = c.energy_before - 2.0 * c.energy + kinetic
+            offset = ti.cast(0.0, self.fp)
+            if curvature < 0.0:
+                offset = 0.5 * (c.energy_before - kinetic) / curvature
+            c.back = 0.5 - ti.min(ti.max(offset, -0.5), 0.5)
+            c.peak = 1
+            c.peaks += 1
+            c.energy = 0.0
+            c.energy_before = 0.0
+        else:
+            c.energy_before = c.energy
+            c.energy = kinetic
+            c.energy_largest = ti.max(c.energy_largest, kinetic)
+        self.control[None] = c
+
+    @ti.func
+    def move(self, i, gain):
+        """Move node ``i`` by one step (eq. 21), or back to the energy peak and to rest."""
+        if self.control[None].peak == 1:
+            before = self.node_velocity[i] - gain / self.node_mass[i] * self.node_force[i]
+            self.membrane.add_displacement(i, -self.control[None].back * before)
+            self.node_velocity[i] = ti.Vector.zero(self.fp, 3)
+        elif self.control[None].status == RUNNING:
+            self.membrane.add_displacement(i, self.node_velocity[i])
+
+    @ti.kernel
+    def _iterate(self, tolerance: float, reference: float):
+        for t in range(self.membrane.tri_count):
+            self.membrane.store_corner_forces(t)
+        for block in range(self.membrane.node_block_count):
+            if self.control[None].status == RUNNING:
+                gain = self.control[None].gain
+                total = ti.Vector.zero(self.fp, 2)
+                for i in range(self.membrane.first_node(block), self.membrane.first_node(block + 1)):
+                    total += self.accelerate(i, gain)
+                self.membrane.block_sum[block] = total
+        if ti.static(self.two_levels):
+            for group in range(self.group_count):
+                self.sum_group(group)
+        if self.control[None].status == RUNNING:
+            total = self.total_of_blocks()
+            self.judge(total[0], total[1], tolerance, reference)
+        for i in range(self.membrane.node_count):
+            self.move(i, self.control[None].gain)
+        # The first velocity after a peak is half a step from rest.
+        self.control[None].gain = ti.select(self.control[None].peak == 1, 0.5, 1.0)
+
+    @ti.kernel
+    def _refresh_mass(self, keep_larger: int):
+        for t in range(self.membrane.tri_count):
+            self.membrane.store_corner_stiffness(t)
+        for block in range(self.membrane.node_block_count):
+            growth = ti.cast(1.0, self.fp)
+            for i in range(self.membrane.first_node(block), self.membrane.first_node(block + 1)):
+                mass = ti.cast(0.0, self.fp)
+                for c in range(self.membrane.node_corner_start[i], self.membrane.node_corner_start[i + 1]):
+                    mass += 0.5 * self.membrane.tri_corner_force[self.membrane.node_corner[c]][0]
+                if keep_larger == 1:
+                    growth = ti.max(growth, mass / self.node_mass[i])
+                    mass = ti.max(mass, self.node_mass[i])
+                self.node_mass[i] = mass
+            self.membrane.block_sum[block][0] = growth
+        largest = ti.cast(1.0, self.fp)
+        ti.loop_config(serialize=True)
+        for block in range(self.membrane.node_block_count):
+            largest = ti.max(largest, self.membrane.block_sum[block][0])
+        self.control[None].mass_growth = largest
+
+    # ---- host
+
+    def compile(self) -> None:
+        """Compile the kernels without moving anything: the iteration runs once on a state that counts as converged."""
+        self.start_from_rest()
+        self.control[None].status = CONVERGED
+        self._iterate(1.0, 1.0)
+
+    def masses(self) -> Floats:
+        """(node_count,) fictitious masses at the present displacements; twice a mass bounds the stiffness at its node."""
+        self._refresh_mass(0)
+        return self.node_mass.to_numpy().astype(np.float64)
+
+    def start_from_rest(self) -> None:
+        """Forget velocities and energy history."""
+        self.node_velocity.fill(0.0)
+        self.control[None] = {
+            "status": RUNNING, "peak": 0, "peaks": 0, "iterations": 0, "gain": 0.5, "back": 0.0, "energy": 0.0,
+            "energy_before": 0.0, "energy_largest": 0.0, "residual": 0.0, "mass_growth": 1.0,
+        }  # fmt: skip
+        self._refresh_mass(0)
+
+    def solve(
+        self,
+        *,
+        tolerance: float,
+        reference: float,
+        max_iterations: int,
+        report: Callable[[Progress], None] | None = None,
+    ) -> SolveRecord:
+        """Relax from the present displacements until the residual is below ``tolerance`` times ``reference``.
+
+        :param reference: 2-norm of the applied nodal forces (force), to which the residual is compared.
+        :param report: called at every look of the host at the device.
+        """
+        started = time.perf_counter()
+        self.start_from_rest()
+        done, interval, next_refresh = 0, 1, 1
+        while done < max_iterations:
+            batch = min(_POLL, next_refresh - done, max_iterations - done)
+            for _ in range(batch):
+                self._iterate(tolerance, reference)
+            done += batch
+            if done == next_refresh:
+                self._refresh_mass(1)
+            state = self.control[None]
+            if report is not None:
+                report(Progress(iteration=done, residual=state.residual, seconds=time.perf_counter() - started))
+            if state.status != RUNNING:
+                break
+            if done == next_refresh:
+                interval = min(2 * interval, _LONGEST_REFRESH) if state.mass_growth < 1.01 else max(interval // 2, 1)
+                next_refresh = done + interval
+        state = self.control[None]
+        reason = {RUNNING: "iteration limit", CONVERGED: "residual", NOT_FINITE: "not finite"}[state.status]
+        return SolveRecord(
+            converged=state.status == CONVERGED,
+            reason=reason,
+            iterations=int(state.iterations),
+            residual=float(state.residual) if np.isfinite(state.residual) else float("nan"),
+            peaks=int(state.peaks),
+            seconds=time.perf_counter() - started,
+            method="relaxation",
+        )

@@ -1,0 +1,194 @@
+"""Reads a finished or interrupted run back from its folder."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.scene import Scene
+from taichi_membrane.scene.messages import first_problem
+from taichi_membrane.simulation.results import ElementFields, Floats, StepResult
+
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 1
+SUMMARY, MESH = "summary.json", "mesh.vtu"
+GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
+FABRIC_AXES = ("warp", "weft", "shear")  # end the names of stress and strain arrays in a step's file
+
+
+def read_run(directory: Path) -> tuple[Scene, Mesh, list[StepResult]]:
+    """Scene, mesh and load steps of a run, as far as it came.
+
+    :raises InputError: the folder is not a run of this program, or a file of it is missing or damaged.
+    """
+    summary = _summary(directory)
+    scene = _scene(directory, summary)
+    mesh = _mesh(directory / MESH)
+    return scene, mesh, [_step(directory, mesh, record) for record in _records(directory, summary)]
+
+
+def read_scene(directory: Path) -> Scene:
+    """The scene of a run, overrides included.
+
+    :raises InputError: the folder is not a run of this program, or its summary is damaged.
+    """
+    return _scene(directory, _summary(directory))
+
+
+def is_run(directory: Path) -> bool:
+    """True when the folder holds the summary of a run of this program."""
+    try:
+        content = json.loads((directory / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and content.get("format") == FORMAT
+
+
+def _summary(directory: Path) -> dict[str, Any]:
+    path = directory / SUMMARY
+    if not directory.is_dir():
+        raise InputError(f"{directory}: there is no such folder")
+    if not path.is_file():
+        raise InputError(f"{directory}: not the folder of a run: it has no {SUMMARY}")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: damaged, not valid JSON: {error}") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise InputError(f"{path}: not the summary of a run of this program")
+    version = content.get("format_version")
+    if version != FORMAT_VERSION:
+        raise InputError(f"{path}: format version {version!r}, but this program reads version {FORMAT_VERSION}")
+    return content
+
+
+def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
+    data = summary.get("scene")
+    try:
+        return Scene.model_validate(data)
+    except ValidationError as error:
+        problem, _ = first_problem(error, data, Scene)
+        raise InputError(f"{directory / SUMMARY}: damaged scene: {problem}") from None
+
+
+def _records(directory: Path, summary: dict[str, Any]) -> list[dict[str, Any]]:
+    records = summary.get("steps")
+    if not isinstance(records, list) or not all(isinstance(record, dict) for record in records):
+        raise InputError(f"{directory / SUMMARY}: damaged: no list of load steps")
+    return records
+
+
+def _mesh(path: Path) -> Mesh:
+    content = _read_vtu(path)
+    cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
+    triangles = content.cells_dict.get("triangle")
+    if triangles is None:
+        raise InputError(f"{path}: damaged: no triangles")
+    return Mesh.build(
+        content.points,
+        triangles,
+        _groups(content.point_data),
+        _groups(cells),
+        cells.get("warp"),
+        where=str(path),
+    )
+
+
+def _groups(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    named = {unquote(name.removeprefix(GROUP)): mark for name, mark in arrays.items() if name.startswith(GROUP)}
+    return {name: np.flatnonzero(mark) for name, mark in named.items() if name != "all"}
+
+
+def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
+    try:
+        name = str(record["file"])
+        # The name comes from a file that anybody may have edited: it must not lead out of the folder.
+        path = directory / Path(name).name
+        content = _read_vtu(path)
+        cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
+
+        def per_node(name: str) -> Floats:
+            return _array(path, content.point_data, name, (mesh.node_count, 3))
+
+        def per_element(name: str, *width: int) -> Floats:
+            return _array(path, cells, name, (mesh.tri_count, *width))
+
+        elements = ElementFields(
+            strain=np.stack([per_element(f"strain_{axis}") for axis in FABRIC_AXES], axis=1),
+            stress=np.stack([per_element(f"stress_{axis}") for axis in FABRIC_AXES], axis=1),
+            state=per_element("state").astype(np.int8),
+            fold_strain=per_element("fold_strain"),
+            taut_margin=per_element("taut_margin"),
+            slack_margin=per_element("slack_margin"),
+            major_stress=per_element("major_stress"),
+            minor_stress=per_element("minor_stress"),
+            major_direction=per_element("major_direction", 3),
+        )
+        return StepResult(
+            number=int(record["number"]),
+            stage=str(record["stage"]),
+            stage_step=int(record["stage_step"]),
+            pressures=_numbers(record["pressures"]),
+            loads=_numbers(record["loads"]),
+            motions=_numbers(record["motions"]),
+            displacement=per_node("displacement"),
+            reaction=per_node("reaction"),
+            elements=elements,
+            probes=_numbers(record["probes"]),
+            volume=_number(record["volume"]),
+            energy=None if record["energy"] is None else float(record["energy"]),
+            solver=str(record["solver"]),
+            converged=bool(record["converged"]),
+            reason=str(record["reason"]),
+            iterations=int(record["iterations"]),
+            residual=_number(record["residual"]),
+            cuts=int(record["cuts"]),
+            seconds=_number(record["seconds"]),
+        )
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{directory / SUMMARY}: damaged load step: {type(error).__name__}: {error}") from error
+
+
+def _number(value: Any) -> float:
+    """A number of the summary, where null stands for one that was not finite."""
+    return math.nan if value is None else float(value)
+
+
+def _numbers(values: dict[str, Any]) -> dict[str, float]:
+    return {name: _number(value) for name, value in values.items()}
+
+
+def _array(path: Path, arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    if name not in arrays:
+        raise InputError(f"{path}: damaged: no array {name!r}")
+    array = np.asarray(arrays[name], dtype=np.float64)
+    if array.shape != shape:
+        raise InputError(f"{path}: damaged: array {name!r} is {array.shape}, but {shape} is expected")
+    return array
+
+
+def _read_vtu(path: Path) -> Any:
+    import meshio  # here, not above: it takes a quarter of a second that other commands do not need
+
+    if not path.is_file():
+        raise InputError(f"{path}: this file of the run is missing")
+    said = io.StringIO()
+    try:
+        # meshio prints its complaints and may end the process with SystemExit.
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            return meshio.read(path)
+    except (Exception, SystemExit) as error:
+        told = f"{type(error).__name__}: {error}" if isinstance(error, Exception) else ""
+        raise InputError(f"{path}: damaged: {' '.join(f'{said.getvalue()} {told}'.split())}") from None

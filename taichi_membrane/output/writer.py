@@ -1,0 +1,305 @@
+"""Files of a run: steps for ParaView, a table, a summary; each is in place whole or not at all. How to read them back is in
+:mod:`taichi_membrane.output.reader`.
+
+``mesh.vtu`` holds the unstressed mesh with its groups, ``step_NNNN.vtu`` the state after each load step, ``steps.pvd`` their
+order, ``history.csv`` a row per load step, ``summary.json`` everything that is not an array. All are up to date after every
+load step, so a run that is interrupted leaves what it had.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.output.reader import FABRIC_AXES, FORMAT, FORMAT_VERSION, GROUP, MESH, SUMMARY, is_run
+from taichi_membrane.scene import Scene
+from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.simulation.results import RunResult, StepResult
+
+HISTORY, SERIES = "history.csv", "steps.pvd"
+
+_OURS = r"(step_\d{4,}\.(vtu|png)|mesh\.vtu|steps\.pvd|history\.csv|curve\.png|animation\.gif)"
+_TEMPORARY = rf"\.({_OURS}|summary\.json)\.\d+\.tmp"
+
+Column = tuple[str, Callable[[StepResult], object]]
+
+
+def step_path(directory: Path, number: int) -> Path:
+    """File of a load step's arrays."""
+    return directory / f"step_{number:04d}.vtu"
+
+
+class Writer:
+    """Writes one run's files while the load steps end.
+
+    :param directory: made when missing; what an earlier run left in it is removed.
+    :param provenance: what really ran; goes into the summary.
+    :param tri_fabric: (tri_count,) fabric number of each element.
+    :raises InputError: the folder cannot be made or written, or holds files but no run of this program.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        scene: Scene,
+        mesh: Mesh,
+        *,
+        provenance: Mapping[str, Any],
+        tri_fabric: NDArray[np.int32],
+    ) -> None:
+        self.directory = directory
+        self._scene, self._mesh, self._tri_fabric = scene, mesh, tri_fabric
+        self._provenance = dict(provenance)
+        self._columns = _columns(scene)
+        self._rows: list[list[object]] = []
+        self._records: list[dict[str, Any]] = []
+        self._noted: list[Path] = []
+        _make_directory(directory)
+        self._write_summary({}, complete=False)  # first of all: from here on the folder is known to be a run
+        _remove_stale(directory)
+        self._write_mesh()
+
+    def write_step(self, step: StepResult, seconds: Mapping[str, float]) -> list[Path]:
+        """Write the files of one more load step.
+
+        :param seconds: time spent in each phase so far.
+        :return: the step's own file, then those brought up to date.
+        """
+        path = self._write_arrays(step)
+        self._records.append(_record(step, path.name))
+        self._rows.append([value(step) for _, value in self._columns])
+        return [path, *self._write_tables(), self._write_summary(seconds, complete=False)]
+
+    def note(self, path: Path) -> None:
+        """Add a file that somebody else wrote to the list of the run's files."""
+        self._noted.append(path)
+
+    def finish(self, result: RunResult) -> list[Path]:
+        """Write the last summary, and any load step whose writing was interrupted; returns all files of the run in order."""
+        for step in result.steps[len(self._records) :]:
+            self.write_step(step, result.seconds)
+        self._write_tables()
+        planned = sum(stage.steps for stage in self._scene.stages)
+        ended = len(result.steps) == planned or not all(step.converged for step in result.steps)
+        verdict = {
+            "converged": result.converged,
+            "passed": result.passed,
+            "checks": [asdict(check) for check in result.checks],
+        }
+        self._write_summary(result.seconds, complete=ended, verdict=verdict)
+        return self._files()
+
+    def _files(self) -> list[Path]:
+        tables = [self.directory / name for name in (SUMMARY, HISTORY, SERIES, MESH)]
+        return [*tables, *(self.directory / record["file"] for record in self._records), *self._noted]
+
+    def _write_mesh(self) -> None:
+        mesh = self._mesh
+        cells: dict[str, NDArray[Any]] = {"fabric": self._tri_fabric}
+        if mesh.tri_warp is not None:
+            cells["warp"] = mesh.tri_warp
+        _write_vtu(
+            self.directory / MESH,
+            mesh,
+            _group_marks(mesh.node_groups, mesh.node_count),
+            cells | _group_marks(mesh.tri_groups, mesh.tri_count),
+        )
+
+    def _write_arrays(self, step: StepResult) -> Path:
+        """Points are unstressed and the displacement a vector, so that ParaView's Warp By Vector gives the deformed shape."""
+        fields = step.elements
+        cells: dict[str, NDArray[Any]] = {"state": fields.state}
+        for name in ("fold_strain", "major_stress", "minor_stress", "major_direction", "taut_margin", "slack_margin"):
+            cells[name] = getattr(fields, name)
+        for number, axis in enumerate(FABRIC_AXES):
+            cells[f"stress_{axis}"] = fields.stress[:, number]
+            cells[f"strain_{axis}"] = fields.strain[:, number]
+        cells["fabric"] = self._tri_fabric
+        path = step_path(self.directory, step.number)
+        _write_vtu(path, self._mesh, {"displacement": step.displacement, "reaction": step.reaction}, cells)
+        return path
+
+    def _write_tables(self) -> list[Path]:
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow([header for header, _ in self._columns])
+        table.writerows(self._rows)
+        _write_text(self.directory / HISTORY, text.getvalue())
+        root = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
+        collection = ElementTree.SubElement(root, "Collection")
+        for record in self._records:
+            ElementTree.SubElement(
+                collection, "DataSet", timestep=str(record["number"]), group="", part="0", file=record["file"]
+            )
+        ElementTree.indent(root)
+        declared = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).decode()
+        _write_text(self.directory / SERIES, declared + "\n")
+        return [self.directory / HISTORY, self.directory / SERIES]
+
+    def _write_summary(
+        self, seconds: Mapping[str, float], *, complete: bool, verdict: Mapping[str, Any] | None = None
+    ) -> Path:
+        mesh = self._mesh
+        content = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "complete": complete,
+            **(verdict or {}),
+            "provenance": self._provenance,
+            "seconds": dict(seconds),
+            "mesh": {
+                "node_count": mesh.node_count,
+                "tri_count": mesh.tri_count,
+                "closed": mesh.is_closed,
+                "area": float(mesh.tri_areas().sum()),
+                "node_groups": {name: len(members) for name, members in mesh.node_groups.items()},
+                "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
+            },
+            "files": [path.name for path in self._files()],
+            "steps": self._records,
+            "scene": self._scene.model_dump(mode="json"),
+        }
+        path = self.directory / SUMMARY
+        _write_text(path, json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        return path
+
+
+def _columns(scene: Scene) -> list[Column]:
+    """Headers of the history and where their values come from; units in brackets."""
+    units = scene.units
+    first: list[Column] = [
+        ("step", lambda s: s.number),
+        ("stage", lambda s: s.stage),
+        ("stage_step", lambda s: s.stage_step),
+        *((_header(f"load.{n}", load_unit(scene, n)), _named("loads", n)) for n in scene.loads),
+        *((_header(f"motion.{n}", motion_unit(scene, n)), _named("motions", n)) for n in scene.motions),
+        *((_header(f"pressure.{n}", units.stress), _named("pressures", n)) for n in scene.pressures),
+        (_header("volume", units.volume), lambda s: s.volume),
+    ]
+    last: list[Column] = [
+        ("taut_count", lambda s: s.elements.count()["taut"]),
+        ("wrinkled_count", lambda s: s.elements.count()["wrinkled"]),
+        ("slack_count", lambda s: s.elements.count()["slack"]),
+        ("iterations", lambda s: s.iterations),
+        ("residual", lambda s: s.residual),
+        (_header("potential_energy", units.energy), lambda s: s.energy),
+        ("solver", lambda s: s.solver),
+        ("converged", lambda s: s.converged),
+        ("reason", lambda s: s.reason),
+        ("cuts", lambda s: s.cuts),
+        ("seconds", lambda s: s.seconds),
+    ]
+    taken = {header.partition(" ")[0] for header, _ in [*first, *last]}
+    probes: list[Column] = [
+        (_header(f"probe.{n}" if n in taken else n, probe_unit(scene, n)), _named("probes", n)) for n in scene.probes
+    ]
+    return [*first, *probes, *last]
+
+
+def _named(kind: str, name: str) -> Callable[[StepResult], object]:
+    return lambda step: getattr(step, kind)[name]
+
+
+def _header(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _record(step: StepResult, file: str) -> dict[str, Any]:
+    """A load step in the summary: all but its arrays."""
+    scalars = {key: value for key, value in vars(step).items() if key not in ("displacement", "reaction", "elements")}
+    return {**scalars, "element_states": step.elements.count(), "file": file}
+
+
+def _plain(value: Any) -> Any:
+    """The same in what JSON knows; a number that is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _group_marks(groups: Mapping[str, NDArray[np.int32]], count: int) -> dict[str, NDArray[Any]]:
+    marks = {}
+    for name, members in groups.items():
+        mark = np.zeros(count, dtype=np.int8)
+        mark[members] = 1
+        # Groups from mesh files have any name; meshio does not escape what XML reserves.
+        marks[GROUP + quote(name)] = mark
+    return marks
+
+
+def check_directory(directory: Path) -> None:
+    """Make sure that a run may write here: a folder that is missing, empty, or holds an earlier run.
+
+    :raises InputError: it holds other files and no run, or is no folder.
+    """
+    try:
+        held = [path.name for path in directory.iterdir()] if directory.exists() else []
+    except OSError as error:
+        raise InputError(f"{directory}: the output folder cannot be read: {error.strerror}") from error
+    foreign = sorted(name for name in held if not re.fullmatch(_TEMPORARY, name))
+    if foreign and not is_run(directory):
+        raise InputError(
+            f"{directory}: the output folder holds {foreign[0]!r} ({len(foreign)} files in all) but no {SUMMARY} of an "
+            "earlier run; give an empty or new folder"
+        )
+
+
+def _make_directory(directory: Path) -> None:
+    check_directory(directory)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{directory}: the output folder cannot be made: {error.strerror}") from error
+
+
+def _remove_stale(directory: Path) -> None:
+    for path in directory.iterdir():
+        if re.fullmatch(f"{_OURS}|{_TEMPORARY}", path.name):
+            path.unlink()
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary name in the same folder to write to; move it to ``path`` when that went well."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _write_text(path: Path, text: str) -> None:
+    with _replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _write_vtu(path: Path, mesh: Mesh, point_data: dict[str, NDArray[Any]], cell_data: dict[str, NDArray[Any]]) -> None:
+    import meshio  # here, not above: it takes a quarter of a second that other commands do not need
+
+    cells = {name: [array] for name, array in cell_data.items()}
+    content = meshio.Mesh(mesh.points, [("triangle", mesh.triangles)], point_data=point_data, cell_data=cells)
+    with _replacing(path) as temporary:
+        content.write(temporary, file_format="vtu")

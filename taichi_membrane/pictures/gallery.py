@@ -1,0 +1,187 @@
+"""The pictures of a run: one frame per load step with one camera and one colour range, the animation, and the curve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from taichi_membrane.engine.preparation import Floats
+from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
+from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
+from taichi_membrane.scene import Camera, Curve, Scene
+from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.simulation.results import RunResult, StepResult
+
+_SCALAR_LABEL = {"fold_strain": "strain in folds", "major_stress": "major stress", "displacement": "displacement"}
+
+
+def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Path]:
+    """Draw every step, then the animation and the curve; yields each file as it is in place."""
+    scene, mesh, steps = result.scene, result.mesh, result.steps
+    view = fit_camera(
+        [mesh.points, *(mesh.points + step.displacement for step in steps)],
+        azimuth=camera.azimuth,
+        elevation=camera.elevation,
+        projection=camera.projection,
+        size=camera.size,
+    )
+    look = Look(
+        field="state" if camera.field == "state" else "scalar",
+        azimuth=camera.azimuth,
+        elevation=camera.elevation,
+        projection=camera.projection,
+        size=camera.size,
+        show_outline=camera.outline,
+        show_loads=camera.loads,
+        show_supports=camera.supports,
+        show_directions=camera.directions,
+        show_axes=True,
+        scalar_range=_scalar_range(steps, camera),
+    )
+    pictures = []
+    for step in steps:
+        path = directory / f"step_{step.number:04d}.png"
+        draw_frame(_frame(result, step, camera), look=look, camera=view, path=path)
+        pictures.append(path)
+        yield path
+    if len(pictures) > 1:
+        write_animation(pictures, directory / "animation.gif")
+        yield directory / "animation.gif"
+    if scene.curve is not None:
+        draw_run_curve(result, scene.curve, directory / "curve.png")
+        yield directory / "curve.png"
+
+
+def _scalar(step: StepResult, camera: Camera) -> Floats | None:
+    if camera.field == "fold_strain":
+        return step.elements.fold_strain
+    if camera.field == "major_stress":
+        return step.elements.major_stress
+    if camera.field == "displacement":
+        return np.asarray(np.linalg.norm(step.displacement, axis=1))
+    return None
+
+
+def _scalar_range(steps: tuple[StepResult, ...], camera: Camera) -> tuple[float, float] | None:
+    """One colour range for the whole run."""
+    values = [scalar for scalar in (_scalar(step, camera) for step in steps) if scalar is not None]
+    if not values:
+        return None
+    low, high = min(v.min() for v in values), max(v.max() for v in values)
+    return (float(low), float(high)) if high > low else (float(low), float(low) + (abs(float(low)) or 1.0))
+
+
+def _scalar_label(scene: Scene, camera: Camera) -> str:
+    unit = {"major_stress": scene.units.stress, "displacement": scene.units.length}.get(camera.field)
+    label = _SCALAR_LABEL.get(camera.field, "")
+    return f"{label} [{unit}]" if unit else label
+
+
+def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
+    scene, mesh = result.scene, result.mesh
+    count = next(stage.steps for stage in scene.stages if stage.name == step.stage)
+    held = [mesh.node_groups[support.group] for support in scene.supports]
+    points = mesh.points + step.displacement
+    return Frame(
+        points=points,
+        reference=mesh.points,
+        triangles=mesh.triangles,
+        state=step.elements.state,
+        taut_margin=step.elements.taut_margin,
+        slack_margin=step.elements.slack_margin,
+        wrinkle_direction=step.elements.major_direction,
+        scalar=_scalar(step, camera),
+        scalar_label=_scalar_label(scene, camera),
+        title=scene.title or scene.name,
+        subtitle=_subtitle(scene, step, count),
+        length_unit=scene.units.length,
+        arrows=_arrows(result, step, points),
+        supports=np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *held])),
+    )
+
+
+def _subtitle(scene: Scene, step: StepResult, count: int) -> str:
+    parts = [f"{step.stage} {step.stage_step}/{count}"]
+    several = len(step.pressures) > 1
+    parts += [f"{name if several else 'p'} = {v:.4g} {scene.units.stress}" for name, v in step.pressures.items() if v]
+    parts += [f"{name} = {v:.4g}{_load_unit(scene, name)}" for name, v in step.loads.items() if v]
+    parts += [f"{name} = {v:.4g} {motion_unit(scene, name)}" for name, v in step.motions.items() if v]
+    if not step.converged:
+        parts.append("NOT CONVERGED: last equilibrium")
+    return ", ".join(parts)
+
+
+def _load_unit(scene: Scene, name: str) -> str:
+    unit = load_unit(scene, name)
+    return f" {unit}" if unit else " × direction"
+
+
+def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[Floats, Floats, str], ...]:
+    """One arrow per acting load, at the middle of its group."""
+    arrows = []
+    for name, factor in step.loads.items():
+        load = result.scene.loads[name]
+        if factor == 0.0:
+            continue
+        groups = result.mesh.tri_groups if load.kind == "area" else result.mesh.node_groups
+        nodes = groups[load.group] if load.kind != "area" else np.unique(result.mesh.triangles[groups[load.group]])
+        direction = np.sign(factor) * np.array(load.direction) / np.linalg.norm(load.direction)
+        label = f"{abs(factor) * float(np.linalg.norm(load.direction)):.4g} {result.scene.units.force}"
+        arrows.append((points[nodes].mean(axis=0), direction, label if load.kind == "total" else name))
+    return tuple(arrows)
+
+
+def curve_values(result: RunResult, quantity: str) -> Floats:
+    """A curve quantity at every converged step: a probe, ``volume``, ``pressure``, ``pressure.NAME`` or ``load.NAME``."""
+    steps = [step for step in result.steps if step.converged]
+    kind, _, name = quantity.partition(".")
+    if quantity in result.scene.probes:
+        return np.array([step.probes[quantity] for step in steps])
+    if quantity == "volume":
+        return np.array([step.volume for step in steps])
+    if kind == "pressure":
+        return np.array([step.pressures[name or next(iter(step.pressures))] for step in steps])
+    return np.array([step.motions[name] if kind == "motion" else step.loads[name] for step in steps])
+
+
+def _quantity_label(scene: Scene, quantity: str) -> str:
+    kind, _, name = quantity.partition(".")
+    if quantity in scene.probes:
+        unit = probe_unit(scene, quantity)
+        return f"{quantity.replace('_', ' ')} [{unit}]" if unit else quantity.replace("_", " ")
+    if quantity == "volume":
+        return f"volume [{scene.units.volume}]"
+    if kind == "pressure":
+        return f"pressure{' ' + name if name else ''} [{scene.units.stress}]"
+    unit = motion_unit(scene, name) if kind == "motion" else _load_unit(scene, name).strip()
+    return f"{kind} {name} [{unit}]"
+
+
+def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:
+    """Draw ``curve.png``: the computed curve, references, lines, and the first step with wrinkles as a mark."""
+    steps = [step for step in result.steps if step.converged]
+    inside = np.array([curve.stage in (None, step.stage) for step in steps])
+    if curve.stage is not None and inside.any():
+        first = int(np.argmax(inside))
+        inside[max(first - 1, 0)] = True
+    x = curve.x_scale * curve_values(result, curve.x)[inside]
+    y = curve.y_scale * curve_values(result, curve.y)[inside]
+    marks = []
+    wrinkled = [step.elements.count()["wrinkled"] > 0 for step, used in zip(steps, inside, strict=True) if used]
+    if any(wrinkled) and not wrinkled[0]:
+        first = wrinkled.index(True)
+        marks.append(Mark(label="first step with wrinkles", x=float(x[first]), y=float(y[first])))
+    draw_curve(
+        path,
+        series=[
+            Series(label="computed", x=x, y=y, style="computed"),
+            *(Series(label=r.label, x=np.array(r.x), y=np.array(r.y), style="reference") for r in curve.references),
+        ],
+        x_label=curve.x_label or _quantity_label(result.scene, curve.x),
+        y_label=curve.y_label or _quantity_label(result.scene, curve.y),
+        title=result.scene.title or result.scene.name,
+        lines=[ReferenceLine(label=line.label, axis=line.axis, value=line.value) for line in curve.lines],
+        marks=marks,
+    )

@@ -1,0 +1,141 @@
+"""Reads a scene from TOML, with keys overridden by ``KEY=VALUE`` texts; finds the scenes that come with the package."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.scene import Scene
+from taichi_membrane.scene.messages import did_you_mean, first_problem, nearest, shown
+
+LARGEST_FILE = 10_000_000  # bytes; a scene holds no mesh, so a larger file is not one
+
+
+def load_scene(path: Path, overrides: Sequence[str] = ()) -> Scene:
+    """Read and validate a scene file.
+
+    :param overrides: ``KEY=VALUE`` texts. KEY is dotted, such as ``mesh.around`` or ``stages.load.steps``; an item of a list
+        goes by its ``name`` or its number from 1. VALUE is a TOML value; what is not one is taken as a text.
+    :raises InputError: the file cannot be read, or is not a scene; the message names file, key and what is allowed.
+    """
+    text = _read(path)
+    data = _parse(path, text)
+    for override in overrides:
+        _override(path, data, override)
+    try:
+        return Scene.model_validate(data)
+    except ValidationError as error:
+        problem, others = first_problem(error, data, Scene)
+    source = f"{path} with {' '.join(overrides)}" if overrides and _is_scene(_parse(path, text)) else str(path)
+    raise InputError(f"{source}: {problem}" + (f" (and {others} more)" if others else ""))
+
+
+def shipped_scenes() -> dict[str, Path]:
+    """Name and file of each scene that comes with the package (in a checkout: of its top folder), sorted by name."""
+    package = Path(__file__).resolve().parent.parent
+    folder = package / "shipped_scenes"
+    if not folder.is_dir() and (package.parent / "pyproject.toml").is_file():
+        folder = package.parent / "scenes"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def resolve_scene(text: str) -> Path:
+    """The scene file a user means: a path, or the name of a shipped scene.
+
+    :raises InputError: neither.
+    """
+    path, shipped = Path(text), shipped_scenes()
+    if path.is_file():
+        return path
+    if text in shipped:
+        return shipped[text]
+    if path.exists():
+        raise InputError(f"{text}: a scene file is needed, this is a folder")
+    guess = did_you_mean(nearest(text, shipped))
+    raise InputError(
+        f"{text}: no such scene file, nor a shipped scene of that name; {guess}shipped: {', '.join(shipped)}"
+    )
+
+
+def _read(path: Path) -> str:
+    if path.is_dir():
+        raise InputError(f"{path}: a scene file is needed, this is a folder")
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such scene file")
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise InputError(f"{path}: {size} bytes are too many for a scene; {LARGEST_FILE} at most")
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: the scene file cannot be read: {error.strerror}") from error
+    try:
+        return content.decode("utf-8-sig")  # editors on Windows put a byte-order mark first
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{path}: line {line} is not UTF-8 text: byte 0x{content[error.start]:02x} at offset {error.start}"
+        ) from None
+
+
+def _parse(path: Path, text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: lists or tables are nested too deeply for a scene") from None
+
+
+def _is_scene(data: dict[str, Any]) -> bool:
+    """Whether the file is a scene as it stands, so that what is wrong comes from the overrides."""
+    try:
+        Scene.model_validate(data)
+    except ValidationError:
+        return False
+    return True
+
+
+def _override(path: Path, data: dict[str, Any], text: str) -> None:
+    """Put one value in place, making the tables on the way to it."""
+    key, sign, value = text.partition("=")
+    parts = [part.strip() for part in key.replace("[", ".").replace("]", "").split(".")]
+    if not sign or not all(parts):
+        raise InputError(f"override {text!r}: expected KEY=VALUE, such as mesh.around=64")
+    place: Any = data
+    for depth, part in enumerate(parts):
+        if not isinstance(place, dict | list):
+            held = shown(place)
+            raise InputError(f"{path} with {text}: {'.'.join(parts[:depth])} is {held}, neither a table nor a list")
+        at: Any = (
+            _index(place, part, f"{path} with {text}: {'.'.join(parts[:depth])}") if isinstance(place, list) else part
+        )
+        if depth == len(parts) - 1:
+            place[at] = _value(value)
+        else:
+            place = place.setdefault(at, {}) if isinstance(place, dict) else place[at]
+
+
+def _index(items: list[Any], part: str, where: str) -> int:
+    """Position of a list's item, given by its name or its number from 1."""
+    names = [item.get("name") if isinstance(item, dict) else None for item in items]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and 1 <= int(part) <= len(items):
+        return int(part) - 1
+    allowed = [f"1 to {len(items)}", *(str(name) for name in names if name is not None)] if items else ["(no items)"]
+    raise InputError(f"{where} has no item {part!r}; allowed: {', '.join(allowed)}")
+
+
+def _value(text: str) -> Any:
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text.strip()
+    # A text with a line break could smuggle in further keys.
+    return parsed["value"] if parsed.keys() == {"value"} else text.strip()

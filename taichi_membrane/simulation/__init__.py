@@ -1,0 +1,1 @@
+"""A run: model of a scene, load steps, probes and checks, results."""

@@ -1,0 +1,358 @@
+"""From a scene to what the engine needs: the mesh with its groups, and a structure of fabrics, supports and loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import spatial
+
+from taichi_membrane import mesh as meshes
+from taichi_membrane import shapes
+from taichi_membrane.engine import preparation
+from taichi_membrane.engine.preparation import FabricConstants, Floats, Ints, Structure
+from taichi_membrane.errors import InputError
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.scene import Fabric, Load, Rotation, Scene, Translation
+
+_SHAPES: dict[str, Callable[..., Mesh]] = {
+    "tube": shapes.tube,
+    "arch": shapes.arch,
+    "sphere": shapes.sphere,
+    "disc": shapes.disc,
+    "annulus": shapes.annulus,
+    "wedge": shapes.wedge,
+    "panel": shapes.panel,
+    "cushion": shapes.cushion,
+}
+
+
+@dataclass(frozen=True)
+class PrescribedMotion:
+    """A node group whose displacement components ``components`` (0, 1, 2) follow a motion; see :mod:`taichi_membrane.scene`."""
+
+    motion: Translation | Rotation
+    nodes: Ints
+    components: tuple[int, ...]
+
+    def displacement(self, points: Floats, factor: float) -> Floats:
+        """(len(nodes), 3) displacement of the group's nodes from their unstressed positions at a factor."""
+        if isinstance(self.motion, Translation):
+            return np.broadcast_to(factor * np.array(self.motion.direction), (len(self.nodes), 3))
+        axis = np.array(self.motion.axis) / np.linalg.norm(self.motion.axis)
+        arms = points[self.nodes] - np.array(self.motion.through)
+        turn = spatial.transform.Rotation.from_rotvec(factor * axis, degrees=True)
+        return np.asarray(turn.apply(arms) - arms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """A scene made ready for the engine.
+
+    :param structure: mesh, fabrics, supports and pressure surfaces.
+    :param pressure_names: name of each follower pressure, in the order of the structure's chamber numbers.
+    :param unit_loads: (n, 3) nodal forces of each load at factor 1, and of each fixed pressure at value 1.
+    :param motions: prescribed motions of node groups.
+    """
+
+    scene: Scene
+    structure: Structure
+    pressure_names: tuple[str, ...]
+    unit_loads: Mapping[str, Floats]
+    motions: Mapping[str, PrescribedMotion]
+
+    def nodal_loads(self, pressures: Mapping[str, float], loads: Mapping[str, float]) -> Floats:
+        """(n, 3) dead nodal forces at the given load factors and fixed pressures."""
+        total = np.zeros((self.structure.mesh.node_count, 3))
+        for name, unit in self.unit_loads.items():
+            total += (loads.get(name, 0.0) if name in loads else pressures.get(name, 0.0)) * unit
+        return total
+
+    def moved(self, displacement: Floats, factors: Mapping[str, float]) -> Floats:
+        """Displacements with the prescribed components at their values for the given motion factors."""
+        result = displacement.copy()
+        for name, motion in self.motions.items():
+            target = motion.displacement(self.structure.mesh.points, factors[name])
+            for c in motion.components:
+                result[motion.nodes, c] = target[:, c]
+        return result
+
+    def chamber_pressures(self, pressures: Mapping[str, float]) -> Floats:
+        """Value of each follower pressure."""
+        return np.array([pressures[name] for name in self.pressure_names])
+
+    def reference_load(self, pressures: Mapping[str, float], loads: Mapping[str, float]) -> float:
+        """2-norm of all applied nodal forces, to which residuals are compared: pressure on the unstressed shape, and dead loads."""
+        structure = self.structure
+        values = np.append(self.chamber_pressures(pressures), 0.0)  # chamber -1 is no pressure
+        pressing = preparation.nodal_pressure(structure.mesh, values[structure.tri_chamber])
+        dead = self.nodal_loads(pressures, loads)
+        return float(np.sqrt(np.vdot(pressing, pressing) + np.vdot(dead, dead)))
+
+
+def build_mesh(scene: Scene, base: Path | None = None) -> Mesh:
+    """The scene's mesh with its named groups.
+
+    :param base: folder that a relative mesh path starts from (the scene file's); the current folder when None.
+    :raises InputError: the shape's numbers, the mesh file or a group's condition are bad.
+    """
+    source = scene.mesh
+    arguments = source.model_dump(exclude={"shape"})
+    if source.shape == "file":
+        read = meshes.read_mesh((base or Path()) / source.path)
+        mesh = Mesh.build(
+            read.points * source.scale, read.triangles, read.node_groups, read.tri_groups, where=source.path
+        )
+    else:
+        if source.shape == "given":
+            raise InputError("mesh.shape = 'given' needs a mesh object: run(scene, mesh=...)")
+        mesh = _SHAPES[source.shape](**arguments)
+    chosen: dict[str, dict[str, Ints]] = {"nodes": {}, "elements": {}}
+    for name, group in scene.groups.items():
+        chosen[group.kind][name] = meshes.select(mesh, group.where, kind=group.kind, key=f"groups.{name}.where")
+    return meshes.with_groups(mesh, chosen["nodes"], chosen["elements"])
+
+
+def build_model(scene: Scene, mesh: Mesh) -> Model:
+    """Fabrics, supports and loads of a scene on its mesh.
+
+    :raises InputError: unknown groups, elements without a fabric, no warp direction, supports that leave a rigid motion.
+    """
+    fabrics, tri_fabric = _fabrics(scene, mesh)
+    tri_chamber, pressure_names = _chambers(scene, mesh)
+    unit_loads = {name: _unit_load(load, mesh, f"loads.{name}") for name, load in scene.loads.items()}
+    for name, pressure in scene.pressures.items():
+        if pressure.kind == "fixed" and _pressure_used(scene, name):
+            mask = np.zeros(mesh.tri_count)
+            mask[group_triangles(mesh, pressure.group, f"pressures.{name}.group")] = 1.0
+            unit_loads[name] = preparation.nodal_pressure(mesh, mask)
+    held, frame = _held(scene, mesh)
+    motions = _motions(scene, mesh, held, frame)
+    left = meshes.rigid_motions_left(mesh, held, frame)
+    if left:
+        raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
+    structure = Structure(
+        mesh=mesh,
+        fabrics=fabrics,
+        tri_fabric=tri_fabric,
+        tri_warp=_warp_directions(scene, mesh, tri_fabric, fabrics),
+        node_held=held,
+        node_frame=frame,
+        tri_chamber=tri_chamber,
+        loads=bool(unit_loads),
+    )
+    return Model(
+        scene=scene, structure=structure, pressure_names=pressure_names, unit_loads=unit_loads, motions=motions
+    )
+
+
+def group_nodes(mesh: Mesh, name: str, key: str) -> Ints:
+    """Node numbers of a named group.
+
+    :raises InputError: no such group; the message lists those that exist.
+    """
+    if name not in mesh.node_groups:
+        raise InputError(f"{key}: no node group {name!r} in this mesh; allowed: {', '.join(mesh.node_groups)}")
+    return np.asarray(mesh.node_groups[name])
+
+
+def group_triangles(mesh: Mesh, name: str, key: str) -> Ints:
+    """Element numbers of a named group.
+
+    :raises InputError: no such group; the message lists those that exist.
+    """
+    if name not in mesh.tri_groups:
+        raise InputError(f"{key}: no element group {name!r} in this mesh; allowed: {', '.join(mesh.tri_groups)}")
+    return np.asarray(mesh.tri_groups[name])
+
+
+def _fabric_list(scene: Scene) -> list[tuple[str, Fabric]]:
+    """The scene's fabrics with the element group of each; the default fabric comes first, for all elements."""
+    default = [("all", scene.fabric)] if scene.fabric is not None else []
+    return [*default, *scene.fabrics.items()]
+
+
+def _fabrics(scene: Scene, mesh: Mesh) -> tuple[tuple[FabricConstants, ...], Ints]:
+    constants, number_of = [], np.full(mesh.tri_count, -1, dtype=np.int32)
+    default_given = scene.fabric is not None
+    for number, (group, fabric) in enumerate(_fabric_list(scene)):
+        elements = group_triangles(mesh, group, f"fabrics.{group}")
+        taken = number_of[elements]
+        clash = elements[taken > 0 if default_given else taken >= 0]
+        if clash.size:
+            raise InputError(
+                f"fabrics.{group}: element {clash[0]} (and {clash.size - 1} others) already has a fabric from another group"
+            )
+        number_of[elements] = number
+        constants.append(
+            FabricConstants(
+                e_warp=fabric.warp_modulus,
+                e_weft=fabric.weft_modulus,
+                poisson=fabric.nu,
+                shear=fabric.shear_modulus,
+                thickness=fabric.thickness,
+                law=fabric.law,
+                side_strain=fabric.side_strain,
+                prestress=fabric.prestress,
+            )
+        )
+    bare = np.flatnonzero(number_of < 0)
+    if bare.size:
+        raise InputError(
+            f"fabrics: {bare.size} of {mesh.tri_count} elements have no fabric, the first is {bare[0]}; "
+            "give [fabric] for all others, or a [fabrics.GROUP] for them"
+        )
+    return tuple(constants), number_of
+
+
+def _warp_directions(scene: Scene, mesh: Mesh, tri_fabric: Ints, fabrics: tuple[FabricConstants, ...]) -> Floats:
+    normals = mesh.tri_normals()
+    corners = mesh.points[mesh.triangles]
+    direction = corners[:, 1] - corners[:, 0]  # any direction will do where the fabric has none
+    for number, (group, fabric) in enumerate(_fabric_list(scene)):
+        elements = np.flatnonzero(tri_fabric == number)
+        directed = not fabrics[number].isotropic or any(fabric.prestress)
+        if fabric.warp is not None:
+            direction[elements] = fabric.warp
+        elif mesh.tri_warp is not None:
+            direction[elements] = mesh.tri_warp[elements]
+        elif directed:
+            raise InputError(f"fabrics.{group}: this mesh has no warp direction of its own; give warp = [x, y, z]")
+        if directed:
+            checked = preparation.project_on_elements(direction, normals, elements, f"fabrics.{group}.warp")
+            direction[elements] = _turned(checked, normals[elements], np.deg2rad(fabric.warp_angle))
+        else:
+            direction[elements] = _any_tangent(direction[elements], corners[elements], normals[elements])
+    return direction
+
+
+def _any_tangent(direction: Floats, corners: Floats, normals: Floats) -> Floats:
+    """Directions for an isotropic fabric, where only output depends on them: the first side where the asked one is normal."""
+    along = direction - np.einsum("ij,ij->i", direction, normals)[:, None] * normals
+    poor = np.linalg.norm(along, axis=1) <= 1e-6 * np.linalg.norm(direction, axis=1)
+    along[poor] = (corners[:, 1] - corners[:, 0])[poor]
+    return along
+
+
+def _turned(direction: Floats, normals: Floats, angle: float) -> Floats:
+    """Tangent vectors turned by ``angle`` about the normals, counter-clockwise seen from the positive side."""
+    return np.cos(angle) * direction + np.sin(angle) * np.cross(normals, direction)
+
+
+def _pressure_used(scene: Scene, name: str) -> bool:
+    """Whether any stage gives this pressure a value other than zero; one that none does is left out of the model."""
+    for stage in scene.stages:
+        value = stage.pressure.get(name) if isinstance(stage.pressure, dict) else stage.pressure
+        if value:
+            return True
+    return False
+
+
+def _chambers(scene: Scene, mesh: Mesh) -> tuple[Ints, tuple[str, ...]]:
+    chamber = np.full(mesh.tri_count, -1, dtype=np.int32)
+    names: list[str] = []
+    for name, pressure in scene.pressures.items():
+        if pressure.kind != "follower" or not _pressure_used(scene, name):
+            continue
+        elements = group_triangles(mesh, pressure.group, f"pressures.{name}.group")
+        if np.any(chamber[elements] >= 0):
+            other = names[chamber[elements].max()]
+            raise InputError(f"pressures.{name}: group {pressure.group!r} overlaps that of pressure {other!r}")
+        chamber[elements] = len(names)
+        names.append(name)
+    return chamber, tuple(names)
+
+
+def _held(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats | None]:
+    """Held components of each node, and the axes they refer to: None while all supports are along x, y, z."""
+    held = np.zeros((mesh.node_count, 3), dtype=bool)
+    normals: dict[int, list[Floats]] = {}
+    for number, support in enumerate(scene.supports, 1):
+        nodes = group_nodes(mesh, support.group, f"supports[{number}].group")
+        for component in support.hold or "":
+            held[nodes, "xyz".index(component)] = True
+        if support.normal is not None:
+            direction = np.array(support.normal) / np.linalg.norm(support.normal)
+            for node in nodes:
+                normals.setdefault(int(node), []).append(direction)
+    if not normals:
+        return held, None
+    frame = np.tile(np.eye(3), (mesh.node_count, 1, 1))
+    for node, directions in normals.items():
+        along_axes = list(np.eye(3)[held[node]])
+        # Right singular vectors: first a basis of all held directions, then of what is left free.
+        _, values, rows = np.linalg.svd(np.array(directions + along_axes))
+        rank = int((values > 1e-9).sum())
+        frame[node] = rows
+        held[node] = np.arange(3) < rank
+    return held, frame
+
+
+def _motions(scene: Scene, mesh: Mesh, held: NDArray[np.bool_], frame: Floats | None) -> dict[str, PrescribedMotion]:
+    """The prescribed motions; their components are added to the held ones.
+
+    :raises InputError: a component that a support or another motion already governs.
+    """
+    motions = {}
+    for name, motion in scene.motions.items():
+        nodes = group_nodes(mesh, motion.group, f"motions.{name}.group")
+        components = tuple("xyz".index(c) for c in motion.hold)
+        if frame is not None and np.any(frame[nodes] != np.eye(3)):
+            slanted = nodes[np.any(frame[nodes] != np.eye(3), axis=(1, 2))]
+            raise InputError(f"motions.{name}: node {slanted[0]} has a slanted support; it cannot be moved too")
+        chosen = np.ix_(nodes, np.array(components))
+        taken = held[chosen]
+        if taken.any():
+            node, c = np.argwhere(taken)[0]
+            raise InputError(
+                f"motions.{name}: component {'xyz'[components[c]]} of node {nodes[node]} is already held by a support "
+                "or moved by another motion"
+            )
+        held[chosen] = True
+        motions[name] = PrescribedMotion(motion, nodes, components)
+    return motions
+
+
+def _unit_load(load: Load, mesh: Mesh, key: str) -> Floats:
+    """(n, 3) nodal forces of a load at factor 1."""
+    force = np.zeros((mesh.node_count, 3))
+    direction = np.array(load.direction)
+    if not direction.any():
+        raise InputError(f"{key}.direction: a direction needs a length above zero")
+    if load.kind == "area":
+        return force + _tributary_area(mesh, group_triangles(mesh, load.group, f"{key}.group"))[:, None] * direction
+    nodes = group_nodes(mesh, load.group, f"{key}.group")
+    if load.kind == "line":
+        return force + _tributary_length(mesh, nodes, key)[:, None] * direction
+    if load.spread == "equal":
+        share = np.zeros(mesh.node_count)
+        share[nodes] = 1.0
+    elif load.spread == "edges":
+        share = _tributary_length(mesh, nodes, key)
+    else:
+        share = _tributary_area(mesh, np.arange(mesh.tri_count))
+        share[np.setdiff1d(np.arange(mesh.node_count), nodes)] = 0.0
+    return force + (share / share.sum())[:, None] * direction
+
+
+def _tributary_area(mesh: Mesh, elements: Ints) -> Floats:
+    """(n,) a third of the area of each of the elements around a node."""
+    area = np.zeros(mesh.tri_count)
+    area[elements] = mesh.tri_areas()[elements]
+    return preparation.sum_to_nodes(mesh, np.repeat(area / 3.0, 3)[:, None])[:, 0]
+
+
+def _tributary_length(mesh: Mesh, nodes: Ints, key: str) -> Floats:
+    """(n,) half the length of the edges, of those with both ends in the group, that meet at a node."""
+    member = np.zeros(mesh.node_count, dtype=bool)
+    member[nodes] = True
+    edges = mesh.edges()
+    edges = edges[member[edges].all(axis=1)]
+    if not len(edges):
+        raise InputError(f"{key}.group: no mesh edge has both ends in this group of {len(nodes)} nodes")
+    length = np.linalg.norm(mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], axis=1)
+    total = np.bincount(edges.ravel(), weights=np.repeat(0.5 * length, 2), minlength=mesh.node_count)
+    return np.asarray(total, dtype=np.float64)

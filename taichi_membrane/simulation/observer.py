@@ -1,0 +1,70 @@
+"""How a run tells what it is doing, and how long each phase took."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+if TYPE_CHECKING:
+    from taichi_membrane.simulation.results import StepResult
+
+Result = TypeVar("Result")
+
+
+class Observer(Protocol):
+    """Hears how a run gets on. The command line is one; a notebook may be another."""
+
+    def phase(self, name: str) -> None:
+        """A phase begins, such as "compiling kernels"."""
+
+    def progress(self, stage: str, step: int, steps: int, iterations: int, residual: float, seconds: float) -> None:
+        """A solver is at work on step ``step`` of ``steps`` of a stage."""
+
+    def step_done(self, step: StepResult) -> None:
+        """A load step has ended, converged or not."""
+
+    def wrote(self, path: Path) -> None:
+        """A file is in place."""
+
+
+class Silent:
+    """The observer that says nothing."""
+
+    def phase(self, name: str) -> None:
+        """Say nothing."""
+
+    def progress(self, stage: str, step: int, steps: int, iterations: int, residual: float, seconds: float) -> None:
+        """Say nothing."""
+
+    def step_done(self, step: StepResult) -> None:
+        """Say nothing."""
+
+    def wrote(self, path: Path) -> None:
+        """Say nothing."""
+
+
+class Clock:
+    """Seconds spent in each phase, told to the observer as they begin."""
+
+    def __init__(self, observer: Observer) -> None:
+        self.observer = observer
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def phase(self, key: str, told: str | None = None) -> Iterator[None]:
+        """Add the time spent inside to a phase; ``told`` is what the observer hears first."""
+        if told is not None:
+            self.observer.phase(told)
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[key] = self.seconds.get(key, 0.0) + time.perf_counter() - started
+
+    def timed(self, key: str, call: Callable[[], Result]) -> Result:
+        """The call's result; its time goes to the phase."""
+        with self.phase(key):
+            return call()

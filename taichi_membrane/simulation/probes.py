@@ -1,0 +1,128 @@
+"""Values of a scene's probes at one load step, and its checks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from taichi_membrane import scene as scenes
+from taichi_membrane.engine.preparation import Floats, Ints
+from taichi_membrane.names import STATE_NAMES
+from taichi_membrane.scene import Check, Scene
+from taichi_membrane.simulation.model import Model, group_nodes, group_triangles
+from taichi_membrane.simulation.results import CheckResult, ElementFields, StepResult
+
+
+def validate(model: Model) -> None:
+    """Look up every probe's group, so that a misspelt one fails before the run and not after it.
+
+    :raises InputError: no such group.
+    """
+    mesh = model.structure.mesh
+    for name, probe in model.scene.probes.items():
+        key = f"probes.{name}.group"
+        if isinstance(probe, scenes.StressProbe | scenes.AreaProbe):
+            group_triangles(mesh, probe.group, key)
+        elif not isinstance(probe, scenes.VolumeProbe):
+            group_nodes(mesh, probe.group, key)
+
+
+def evaluate(
+    model: Model, displacement: Floats, reaction: Floats, elements: ElementFields, volume: float
+) -> dict[str, float]:
+    """Value of every probe of the scene, in its units."""
+    mesh = model.structure.mesh
+    values: dict[str, float] = {}
+    for name, probe in model.scene.probes.items():
+        key = f"probes.{name}.group"
+        if isinstance(probe, scenes.VolumeProbe):
+            values[name] = volume
+        elif isinstance(probe, scenes.DisplacementProbe):
+            mean = displacement[group_nodes(mesh, probe.group, key)].mean(axis=0)
+            values[name] = (
+                float(np.linalg.norm(mean)) if probe.component == "magnitude" else _pick(mean, probe.component)
+            )
+        elif isinstance(probe, scenes.ReactionProbe):
+            values[name] = _pick(reaction[group_nodes(mesh, probe.group, key)].sum(axis=0), probe.component)
+        elif isinstance(probe, scenes.MomentProbe):
+            nodes = group_nodes(mesh, probe.group, key)
+            arms = (mesh.points + displacement)[nodes] - np.array(probe.through)
+            values[name] = float(np.cross(arms, reaction[nodes]).sum(axis=0) @ _unit(probe.axis))
+        elif isinstance(probe, scenes.RotationProbe):
+            nodes = group_nodes(mesh, probe.group, key)
+            values[name] = _mean_rotation(
+                mesh.points[nodes] - np.array(probe.through), displacement[nodes], _unit(probe.axis)
+            )
+        elif isinstance(probe, scenes.RadiusProbe):
+            nodes = group_nodes(mesh, probe.group, key)
+            values[name] = _mean_radius((mesh.points + displacement)[nodes], probe.axis)
+        else:
+            values[name] = _over_elements(probe, elements, mesh.tri_areas(), group_triangles(mesh, probe.group, key))
+    return values
+
+
+def _pick(vector: Floats, component: str) -> float:
+    return float(vector["xyz".index(component)])
+
+
+def _unit(axis: scenes.Vector) -> Floats:
+    return np.array(axis) / np.linalg.norm(axis)
+
+
+def _mean_rotation(arms: Floats, displacement: Floats, axis: Floats) -> float:
+    """Angle in degrees about ``axis`` that carries the arms nearest to their displaced places, in the least-squares sense."""
+    before = arms - np.outer(arms @ axis, axis)
+    after = arms + displacement - np.outer((arms + displacement) @ axis, axis)
+    sine = float((np.cross(before, after) @ axis).sum())
+    return float(np.rad2deg(np.arctan2(sine, float((before * after).sum()))))
+
+
+def _mean_radius(positions: Floats, axis: str) -> float:
+    """Mean distance from the middle of the positions, measured across ``axis`` unless that is ``centre``."""
+    arms = positions - positions.mean(axis=0)
+    if axis != "centre":
+        arms[:, "xyz".index(axis)] = 0.0
+    return float(np.linalg.norm(arms, axis=1).mean())
+
+
+def _over_elements(
+    probe: scenes.StressProbe | scenes.AreaProbe, elements: ElementFields, area: Floats, group: Ints
+) -> float:
+    weights = area[group]
+    if isinstance(probe, scenes.AreaProbe):
+        in_state = elements.state[group] == STATE_NAMES.index(probe.state)
+        return float(weights[in_state].sum() / weights.sum())
+    stress = (elements.major_stress if probe.which == "major" else elements.minor_stress)[group]
+    if probe.reduce == "mean":
+        return float(np.average(stress, weights=weights))
+    return float(stress.max() if probe.reduce == "max" else stress.min())
+
+
+def run_checks(scene: Scene, steps: Sequence[StepResult]) -> tuple[CheckResult, ...]:
+    """Judge every check of the scene; one whose step was not reached, or did not converge, fails without a value."""
+    return tuple(_check(scene, check, steps) for check in scene.checks)
+
+
+def _check(scene: Scene, check: Check, steps: Sequence[StepResult]) -> CheckResult:
+    count = next(stage.steps for stage in scene.stages if stage.name == check.stage)
+    wanted = check.step if check.step > 0 else count + 1 + check.step
+    found = [s for s in steps if s.stage == check.stage and s.stage_step == wanted and s.converged]
+    relative = check.tolerance is not None
+    tolerance = float(check.tolerance if check.tolerance is not None else check.absolute or 0.0)
+    value = found[0].probes[check.probe] if found else None
+    error = None
+    if value is not None:
+        error = (value - check.reference) / (abs(check.reference) if relative else 1.0)
+    return CheckResult(
+        probe=check.probe,
+        stage=check.stage,
+        step=wanted,
+        value=value,
+        reference=check.reference,
+        error=error,
+        tolerance=tolerance,
+        relative=relative,
+        source=check.source,
+        passed=error is not None and abs(error) <= tolerance,
+    )
