@@ -74,6 +74,7 @@ def a_step(number: int, **changes: Any) -> StepResult:
         stage_step=number + 1,
         pressures={"inside": 0.1 * number},
         loads={"pull": 1.0 / 3.0, "wind": 0.0, "seam": -2e-300},
+        motions={},
         displacement=rng.normal(size=(MESH.node_count, 3)),
         reaction=rng.normal(size=(MESH.node_count, 3)),
         elements=elements,

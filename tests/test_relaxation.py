@@ -169,7 +169,7 @@ def test_step_too_large_for_the_iteration_limit_is_halved_then_refused_honestly(
             "name": "test",
             "units": {"length": "mm", "force": "N"},
             **CANTILEVER,
-            "solver": {"max_iterations": 30, "max_cuts": 2},
+            "solver": {"kind": "relaxation", "max_iterations": 30, "max_cuts": 2},
         }
     )
     result = run(scene)
