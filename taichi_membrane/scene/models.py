@@ -91,7 +91,7 @@ class CushionShape(Model):
     height: Positive
     along_x: Count
     along_y: Count
-    pattern: Literal["diagonal", "alternating"] = "alternating"
+    pattern: Literal["diagonal", "alternating", "crossed"] = "alternating"
 
 
 class PanelShape(Model):

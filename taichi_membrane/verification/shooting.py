@@ -1,0 +1,101 @@
+"""Exact solutions of problems with rotational symmetry, from ordinary differential equations and shooting.
+
+Stress resultants are those of a tension field: St Venant-Kirchhoff (linear between second Piola-Kirchhoff resultant and Green strain)
+while both principal values are tensile, otherwise uniaxial. Lengths and resultants are made dimensionless by the radius and by E t.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import integrate, optimize
+
+Floats = NDArray[np.float64]
+TOLERANCE = 1e-11  # of the integration; the shooting then fixes eight digits and more
+
+
+@dataclass(frozen=True, kw_only=True)
+class InflatedDisc:
+    """A flat disc of unit radius after inflation, all relative to radius and E t.
+
+    :param rise: height of the pole above the rim plane. :param rim: radius of the deformed rim. :param volume: under the disc.
+    :param pole_resultant: second Piola-Kirchhoff resultant at the pole.
+    :param radius: deformed radii (n,) and ``height`` (n,) of the meridian, from the pole to the rim.
+    """
+
+    rise: float
+    rim: float
+    volume: float
+    pole_resultant: float
+    radius: Floats
+    height: Floats
+
+
+def inflated_disc(load: float, nu: float, *, rim: Literal["held", "seam"]) -> InflatedDisc:
+    """Flat disc under follower pressure ``load`` = p a/(E t), its rim held or, for the half of two seamed discs, free to slide.
+
+    With R the radius at rest, r the deformed one and S₁, S₂ the resultants along and around: vertical equilibrium gives
+    R S₁ λ₁ sin β = p r²/2, horizontal equilibrium (R S₁ λ₁ cos β)' = λ₂ S₂ - p r λ₁ sin β. The stretch of the pole is shot at the rim.
+    """
+    start = 1e-6
+
+    def meridian(pole: float) -> tuple[Floats, Floats]:
+        tension = (pole**2 - 1.0) / (2.0 * (1.0 - nu))
+
+        def slope(radius: float, state: Floats) -> list[float]:
+            r, _, pull, _ = state
+            lift = 0.5 * load * r * r
+            force = np.hypot(pull, lift)
+            along, hoop_stress = _stretch_along(force / radius, r / radius, nu)
+            cosine, sine = pull / force, lift / force
+            fall = along * sine
+            return [along * cosine, -fall, r / radius * hoop_stress - load * r * fall, np.pi * r * r * fall]
+
+        first = [pole * start, 0.0, tension * pole * start, 0.0]
+        found = integrate.solve_ivp(slope, (start, 1.0), first, method="DOP853", rtol=TOLERANCE, atol=1e-14)
+        return found.t, found.y
+
+    def miss(pole: float) -> float:
+        end = meridian(pole)[1][:, -1]
+        return float(end[0] - 1.0 if rim == "held" else end[2])
+
+    # From above: far below the answer the meridian curls up and the miss changes sign again.
+    high = 2.0 * load ** (2.0 / 3.0)
+    while miss(1.0 + 0.7 * high) > 0.0:
+        high *= 0.7
+    pole = optimize.brentq(miss, 1.0 + 0.7 * high, 1.0 + high, xtol=1e-15, rtol=1e-14)
+    _, state = meridian(pole)
+    radius, height, _, volume = state
+    return InflatedDisc(
+        rise=float(-height[-1]),
+        rim=float(radius[-1]),
+        volume=float(volume[-1]),
+        pole_resultant=(pole**2 - 1.0) / (2.0 * (1.0 - nu)),
+        radius=radius,
+        height=height - height[-1],
+    )
+
+
+def _stretch_along(pull: float, around: float, nu: float) -> tuple[float, float]:
+    """Stretch λ₁ with λ₁ S₁ = ``pull`` at hoop stretch ``around``, and the hoop resultant S₂ (zero where wrinkled); E t = 1."""
+    hoop = 0.5 * (around**2 - 1.0)
+    wrinkled = _cubic_root(0.5, -0.5, pull)
+    if hoop + nu * 0.5 * (wrinkled**2 - 1.0) <= 0.0:
+        return wrinkled, 0.0
+    stiff = 1.0 / (1.0 - nu**2)
+    along = _cubic_root(0.5 * stiff, stiff * (nu * hoop - 0.5), pull)
+    return along, stiff * (hoop + nu * 0.5 * (along**2 - 1.0))
+
+
+def _cubic_root(cubic: float, linear: float, value: float) -> float:
+    """The root above 1/2 of cubic x³ + linear x = value, by Newton from above."""
+    x = max(2.0, (2.0 * value / cubic) ** (1.0 / 3.0) + 1.0)
+    for _ in range(100):
+        step = (cubic * x**3 + linear * x - value) / (3.0 * cubic * x**2 + linear)
+        x -= step
+        if abs(step) < 1e-15 * x:
+            break
+    return x

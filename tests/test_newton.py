@@ -1,0 +1,180 @@
+"""Newton on the relaxed energy: tangent against forces, quadratic convergence, saddles left, agreement with relaxation."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from taichi_membrane import shapes
+from taichi_membrane.engine.membrane import Membrane
+from taichi_membrane.engine.newton import Newton, factorise
+from taichi_membrane.engine.preparation import FabricConstants, Structure, nodal_pressure
+from taichi_membrane.engine.relaxation import Relaxation
+from taichi_membrane.engine.tangent import Tangent
+from taichi_membrane.errors import InputError
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.run import run
+
+pytestmark = pytest.mark.usefixtures("runtime_cpu")
+
+ISOTROPIC = {"e_warp": 100.0, "e_weft": 100.0, "poisson": 0.3, "shear": 100.0 / 2.6, "thickness": 0.1}
+ORTHOTROPIC = {"e_warp": 100.0, "e_weft": 20.0, "poisson": 0.3, "shear": 5.0, "thickness": 0.1}
+
+
+def structure(mesh: Mesh, fabric: FabricConstants, held: np.ndarray, frame: np.ndarray | None = None) -> Structure:
+    """One fabric, one follower pressure on everything, no dead loads."""
+    assert mesh.tri_warp is not None
+    zeros = np.zeros(mesh.tri_count, dtype=np.int32)
+    return Structure(
+        mesh=mesh, fabrics=(fabric,), tri_fabric=zeros, tri_warp=mesh.tri_warp, node_held=held,
+        tri_chamber=zeros, loads=False, node_frame=frame,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("side_strain", ["engineering", "green"])
+@pytest.mark.parametrize(
+    "moduli", [ISOTROPIC, ORTHOTROPIC | {"prestress": (0.5, 0.2, 0.1)}], ids=["isotropic", "orthotropic"]
+)
+@pytest.mark.parametrize("slanted", [False, True])
+def test_tangent_is_the_derivative_of_the_forces(moduli: dict[str, Any], side_strain: Any, slanted: bool) -> None:
+    """Central differences of the out-of-balance forces, in a crumpled state that has taut, wrinkled and slack triangles."""
+    mesh = shapes.sphere(radius=1.0, divisions=2)
+    held = np.zeros((mesh.node_count, 3), dtype=bool)
+    held[3], held[5, 1] = True, True
+    frame = None
+    if slanted:
+        random_axes = np.random.default_rng(1).normal(size=(mesh.node_count, 3, 3))
+        frame = np.linalg.qr(random_axes)[0]
+    membrane = Membrane(structure(mesh, FabricConstants(**moduli, side_strain=side_strain), held, frame))
+    membrane.set_pressures(np.array([0.7]))
+    start = np.random.default_rng(0).normal(size=mesh.points.shape) * 0.05
+    tangent = Tangent(membrane)
+    membrane.set_displacement(start)
+    assert min(np.bincount(membrane.element_state().state, minlength=3)) > 0
+    values, pattern = tangent.assemble().copy(), tangent.pattern
+    lower = sparse.csc_matrix((values, pattern.row, pattern.column_start), shape=(pattern.size, pattern.size))
+    matrix = (lower + sparse.tril(lower, -1).T).toarray()
+    step, differences = 1e-6, np.zeros_like(matrix)
+    for column, (node, axis) in enumerate(np.argwhere(pattern.node_dof >= 0)):
+        direction = np.zeros_like(start)
+        direction[node, axis] = 1.0
+        forces = []
+        for sign in (1.0, -1.0):
+            membrane.set_displacement(start + sign * step * membrane.from_frames(direction))
+            forces.append(membrane.in_frames(membrane.out_of_balance())[~held])
+        differences[:, column] = (forces[1] - forces[0]) / (2 * step)
+    # Truncation O(step²) and cancellation eps/step are both near 1e-10 of the stiffness.
+    assert np.abs(differences - matrix).max() < 1e-8 * np.abs(matrix).max()
+
+
+def test_negative_pivots_count_negative_eigenvalues() -> None:
+    """Sylvester's law of inertia on a small indefinite matrix."""
+    mesh = shapes.sphere(radius=1.0, divisions=2)
+    held = np.zeros((mesh.node_count, 3), dtype=bool)
+    held[3], held[5, 1], held[0, :2] = True, True, True
+    membrane = Membrane(structure(mesh, FabricConstants(**ISOTROPIC), held))
+    tangent = Tangent(membrane)
+    membrane.set_pressures(np.array([-20.0]))  # sucked hard: the sphere is unstable
+    values, pattern = tangent.assemble(), tangent.pattern
+    lower = sparse.csc_matrix((values, pattern.row, pattern.column_start), shape=(pattern.size, pattern.size)).toarray()
+    eigenvalues = np.linalg.eigvalsh(lower + np.tril(lower, -1).T)
+    factor = factorise(pattern, values)
+    assert factor is not None
+    assert factor.negative == (eigenvalues < 0.0).sum() > 0
+
+
+def test_convergence_is_quadratic() -> None:
+    """Each of the last residuals is bounded by a constant times the square of the one before."""
+    mesh = shapes.tube(radius=25.0, length=100.0, around=16, along=16)
+    held = np.zeros((mesh.node_count, 3), dtype=bool)
+    held[mesh.node_groups["start"]] = True
+    membrane = Membrane(
+        structure(mesh, FabricConstants(e_warp=4000, e_weft=4000, poisson=0.1, shear=4000 / 2.2, thickness=0.1), held)
+    )
+    membrane.set_pressures(np.array([0.35]))
+    residuals: list[float] = []
+    record = Newton(membrane, Relaxation(membrane)).solve(
+        tolerance=1e-12,
+        reference=float(np.linalg.norm(nodal_pressure(mesh, np.full(mesh.tri_count, 0.35)))),
+        loads=np.zeros_like(mesh.points),
+        max_iterations=20,
+        report=lambda progress: residuals.append(progress.residual),
+    )
+    assert record.converged
+    assert record.iterations <= 8
+    late = [r for r in residuals if r < 1e-2]
+    assert len(late) >= 3
+    for before, after in pairwise(late):
+        assert after < 10.0 * before**2 or after < 1e-12, residuals  # measured constants are below 1
+
+
+CANTILEVER = {
+    "name": "test",
+    "units": {"length": "mm", "force": "N"},
+    "mesh": {"shape": "tube", "radius": 25.0, "length": 200.0, "around": 12, "along": 20},
+    "fabric": {"E": 4000.0, "nu": 0.1, "thickness": 0.1},
+    "supports": [{"group": "start", "hold": "xyz"}],
+    "loads": {"tip": {"group": "end", "direction": [0.0, 0.0, -1.0]}},
+    "stages": [{"name": "inflate", "pressure": 0.035}, {"name": "load", "steps": 2, "loads": {"tip": 6.5}}],
+    "probes": {"tip": {"kind": "displacement", "group": "end", "component": "z"}},
+}
+
+
+def test_newton_and_relaxation_find_the_same_state() -> None:
+    """Tip deflection through wrinkling (0.76 of collapse), both at a residual of 1e-8, to 6 digits."""
+    tips, methods = [], []
+    for kind in ("newton", "relaxation", "hybrid"):
+        result = run(Scene.model_validate(CANTILEVER | {"solver": {"kind": kind, "tolerance": 1e-8}}))
+        assert result.converged
+        tips.append(result.steps[-1].probes["tip"])
+        methods.append(result.steps[-1].solver)
+    assert methods == ["newton", "relaxation", "newton"]  # a step Newton handles costs no relaxation
+    assert result.steps[-1].elements.count()["wrinkled"] > 0
+    assert tips[0] == pytest.approx(tips[1], rel=1e-6)
+    assert tips[2] == tips[0]
+
+
+def test_an_unstable_equilibrium_is_left() -> None:
+    """A strut of membrane pushed exactly along its axis stays straight by symmetry; Newton must find the lower, buckled state.
+
+    A flat strip compressed along its length by its held ends: without wrinkling (law "none") the flat state is an
+    equilibrium, but not a stable one.
+    """
+    scene = {
+        "name": "test",
+        "units": {"length": "mm", "force": "N"},
+        "mesh": {"shape": "panel", "width": 10.0, "height": 10.0, "along_x": 6, "along_y": 6},
+        "fabric": {"E": 1000.0, "nu": 0.0, "thickness": 0.1, "law": "none"},
+        "supports": [{"group": "x_min", "hold": "xyz"}, {"group": "x_max", "hold": "yz"}],
+        "motions": {"push": {"kind": "translation", "group": "x_max", "direction": [-1.0, 0.0, 0.0], "hold": "x"}},
+        "stages": [{"name": "push", "motions": {"push": 0.5}}],
+        "probes": {"reaction": {"kind": "reaction", "group": "x_max", "component": "x"}},
+    }
+    result = run(Scene.model_validate(scene | {"solver": {"kind": "newton"}}))
+    assert result.converged
+    flat_energy = 0.5 * 1000.0 * 0.05**2 * 10.0 * 10.0 * 0.1  # ½ E ε² volume, small strain
+    assert result.steps[-1].energy is not None
+    assert result.steps[-1].energy < 0.2 * flat_energy
+    assert np.abs(result.steps[-1].displacement[:, 2]).max() > 0.1
+
+
+def test_newton_alone_refuses_what_it_cannot_do() -> None:
+    """The clipped law is not the gradient of an energy."""
+    fabric = CANTILEVER["fabric"] | {"law": "clip"}  # type: ignore[operator]
+    scene = Scene.model_validate(CANTILEVER | {"fabric": fabric, "solver": {"kind": "newton"}})
+    with pytest.raises(InputError, match="clip"):
+        run(scene)
+
+
+def test_hybrid_relaxes_alone_with_the_clipped_law() -> None:
+    """The fallback is recorded, not hidden."""
+    fabric = CANTILEVER["fabric"] | {"law": "clip"}  # type: ignore[operator]
+    result = run(Scene.model_validate(CANTILEVER | {"fabric": fabric, "stages": CANTILEVER["stages"][:1]}))  # type: ignore[index]
+    assert result.converged
+    assert result.steps[0].solver == "relaxation"
+    assert result.steps[0].energy is None
