@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -74,6 +76,15 @@ def _options(
     """Options of the command itself; the app's help text stands above."""
 
 
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """What turns out to be wrong only when the scene meets its mesh names the scene file, too."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
 @app.command()
 def run(
     scene: SceneArgument,
@@ -103,7 +114,7 @@ def run(
     check_directory(directory)  # now rather than after minutes of work
     view = ProgressView(model, None if quiet else _console(stderr=True))
     try:
-        with view:
+        with view, _naming(path):
             result = run_scene(
                 model,
                 out=directory,
@@ -138,7 +149,9 @@ def check(scene: SceneArgument, overrides: SetOption = None) -> None:
     from taichi_membrane.simulation.run import summarise
 
     path = scene_file.resolve_scene(scene)
-    model, compiled_in, left_out = summarise(scene_file.load_scene(path, overrides or ()), path.parent)
+    loaded = scene_file.load_scene(path, overrides or ())
+    with _naming(path):
+        model, compiled_in, left_out = summarise(loaded, path.parent)
     report.print_model(_console(), model, compiled_in, left_out)
 
 

@@ -1,0 +1,78 @@
+"""Closed forms of structural mechanics that the cases are compared with.
+
+Resultants are forces per width. "SVK" is St Venant-Kirchhoff: second Piola-Kirchhoff resultants linear in Green's strain.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import optimize
+
+
+def sphere_stretch(pressure: float, radius: float, stiffness: float, nu: float) -> float:
+    """Stretch of an inflated SVK sphere, ``stiffness`` = E t: p R = E t (λ - 1/λ)/(1 - ν), from S = p r/2 with r = λ R."""
+    half = 0.5 * pressure * radius * (1.0 - nu) / stiffness
+    return half + math.hypot(half, 1.0)
+
+
+def cylinder_stretches(pressure: float, radius: float, stiffness: float, nu: float) -> tuple[float, float]:
+    """Hoop and axial stretch of an inflated SVK cylinder with closed ends: S_t = p R λ_x, λ_x S_x = p R λ_t²/2.
+
+    These are N_t = p r and N_x = p r/2 of the deformed cylinder, written per width at rest.
+    """
+
+    def miss(stretch: tuple[float, float]) -> tuple[float, float]:
+        hoop, axial = stretch
+        hoop_strain, axial_strain = 0.5 * (hoop**2 - 1.0), 0.5 * (axial**2 - 1.0)
+        stiff = stiffness / (1.0 - nu**2)
+        return (
+            stiff * (hoop_strain + nu * axial_strain) / (pressure * radius) - axial,
+            axial * stiff * (axial_strain + nu * hoop_strain) / (pressure * radius) - 0.5 * hoop**2,
+        )
+
+    hoop, axial = optimize.fsolve(miss, (1.0, 1.0), xtol=1e-13)
+    return float(hoop), float(axial)
+
+
+def hencky_series(nu: float, terms: int = 60) -> list[float]:
+    """Coefficients b₀, b₂, … of Hencky's series for a uniformly loaded disc with its rim held (Hencky 1915).
+
+    With x = ρ², N = ¼ Q^⅔ y(x) and y = Σ b₂ₙ xⁿ, equilibrium and compatibility read y² (x y'' + 2 y') = -2, which gives one
+    coefficient after the other from b₀; that one follows from the rim that does not move: Σ (2n + 1 - ν) b₂ₙ = 0.
+    """
+
+    def series(first: float) -> list[float]:
+        b, square = [first], []
+        for n in range(terms - 1):
+            square.append(sum(b[i] * b[n - i] for i in range(n + 1)))
+            known = sum(square[n - k] * (k + 1) * (k + 2) * b[k + 1] for k in range(n))
+            b.append(((-2.0 if n == 0 else 0.0) - known) / (first**2 * (n + 1) * (n + 2)))
+        return b
+
+    def rim(first: float) -> float:
+        return sum((2 * n + 1 - nu) * b for n, b in enumerate(series(first)))
+
+    return series(optimize.brentq(rim, 1.55, 2.5, xtol=1e-14))
+
+
+def hencky_disc(load: float, nu: float) -> tuple[float, float]:
+    """Rise of the centre over the radius, and resultant there over E t, of Hencky's disc at Q = q a/(E t).
+
+    The rise integrates N w' = -Q ρ/2, that is w = Q^⅓ ∫₀¹ 2 ρ/y(ρ²) dρ = Q^⅓ ∫₀¹ dx/y(x).
+    """
+    b = hencky_series(nu)
+    x, weight = np.polynomial.legendre.leggauss(40)
+    rise = float((0.5 * weight / np.polynomial.polynomial.polyval(0.5 * (x + 1.0), b)).sum())
+    return load ** (1.0 / 3.0) * rise, 0.25 * load ** (2.0 / 3.0) * b[0]
+
+
+def mylar_balloon() -> tuple[float, float, float]:
+    """Equatorial radius, half thickness and volume of two inextensible discs of unit radius, seamed and inflated.
+
+    No hoop stress: sin φ = (x/r)² along the meridian, whose length 1 gives r = 4 √(2π)/Γ(¼)²; half thickness π r²/4, volume
+    2π r²/3 (Paulsen 1994; Mladenov and Oprea 2003).
+    """
+    equator = 4.0 * math.sqrt(2.0 * math.pi) / math.gamma(0.25) ** 2
+    return equator, 0.25 * math.pi * equator**2, 2.0 * math.pi / 3.0 * equator**2
