@@ -23,8 +23,8 @@ from taichi_membrane.simulation.results import ElementFields, StepResult
 # leaves 2e-4; single precision reaches the latter with room to spare.
 _DEFAULT_TOLERANCE = {"f64": 1e-6, "f32": 3e-6}
 
-# Newton's iterations per solve: alone; and in the hybrid, before relaxation takes over for a first dose of iterations.
-_NEWTON_LIMIT, _NEWTON_PATIENCE, _FIRST_DOSE = 200, 60, 500
+# Newton's iterations per solve: alone; and in the hybrid, before relaxation takes over for a dose of its iterations.
+_NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
 
 ProgressCallback = Callable[[str, int, int, Progress], None]
 
@@ -119,7 +119,8 @@ class Analysis:
                 cuts, size = cuts + 1, 0.5 * size
         if not record.converged:
             reason = (
-                f"{record.reason} beyond {100 * reached:.4g} % of the step after {cuts} halvings; last equilibrium kept"
+                f"no equilibrium found between {100 * reached:.4g} and {100 * aim:.4g} % of the step "
+                f"({record.reason}, {cuts} halvings): collapse or snap-through; the last equilibrium is kept"
             )
             record = replace(record, reason=reason)
         return self._result(number, stage, k, before.toward(after, reached), record, iterations, cuts, started)
@@ -150,19 +151,17 @@ class Analysis:
         self, newton: Newton, reference: float, loads: Floats, limit: int, report: Callable[[Progress], None] | None
     ) -> SolveRecord:
         """The hybrid: Newton while it gets on, relaxation in growing doses where it does not."""
-        parts: list[SolveRecord] = []
-        dose, relaxed = _FIRST_DOSE, 0
-        while True:
-            start = self.membrane.displacement()
-            parts.append(self._newton(newton, reference, loads, _NEWTON_PATIENCE, report))
-            if parts[-1].converged or relaxed >= limit:
+        start = self.membrane.displacement()
+        parts = [self._newton(newton, reference, loads, _NEWTON_PATIENCE, report)]
+        for dose in _DOSES:
+            if parts[-1].converged:
                 break
             self.membrane.set_displacement(start)
-            parts.append(self._relax(reference, min(dose, limit - relaxed), report))
-            relaxed += parts[-1].iterations
+            parts.append(self._relax(reference, min(dose, limit), report))
             if parts[-1].converged or parts[-1].reason == "not finite":
                 break
-            dose *= 4
+            start = self.membrane.displacement()
+            parts.append(self._newton(newton, reference, loads, _NEWTON_PATIENCE, report))
         last = parts[-1]
         return replace(
             last,
