@@ -1,4 +1,4 @@
-"""The command ``taichi-membrane``: run, check and draw scenes.
+"""The command ``taichi-membrane``: run, check and draw scenes; verify the mechanics.
 
 Results go to standard output, progress and errors to standard error. Exit codes: 0 all well, 1 a check of the scene fails, 2 bad
 input, 3 a load step did not converge, 130 interrupted.
@@ -198,6 +198,23 @@ def render(
     with ProgressView(scene, _console(stderr=True)) as view:
         files = redraw(directory, camera=camera, observer=view)
     report.print_files(_console(), directory, files)
+
+
+@app.command()
+def verify(
+    full: Annotated[bool, typer.Option("--full", help="Finer meshes too; up to an hour.")] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Output folder.")] = Path("renders/verification"),
+    only: Annotated[list[str] | None, typer.Option("--only", metavar="NAME", help="One case. May be repeated.")] = None,
+) -> None:
+    """Run the cases with a known answer; write a table, its numbers and plots of the error against mesh size.
+
+    Exit code: 0 all well, 1 a case misses its bound or its rate, 2 bad input.
+    """
+    from taichi_membrane.commands.verify import verify as run_cases
+
+    code = run_cases(full, out, only or [])
+    if code:
+        raise typer.Exit(code)
 
 
 @app.command()

@@ -2,47 +2,55 @@
 
 from __future__ import annotations
 
-from taichi_membrane.scene.models import (
+from taichi_membrane.scene.base import (
+    Component,
+    Vector,
+)
+from taichi_membrane.scene.mesh_source import (
     AnnulusShape,
     ArchShape,
-    AreaProbe,
+    CushionShape,
+    DiscShape,
+    GivenMesh,
+    MeshFile,
+    MeshSource,
+    PanelShape,
+    SphereShape,
+    TubeShape,
+    WedgeShape,
+)
+from taichi_membrane.scene.models import (
     Camera,
     Check,
-    Component,
-    Components,
     Curve,
     CurveLine,
     CurveReference,
-    CushionShape,
-    DiscShape,
-    DisplacementProbe,
     Fabric,
-    GivenMesh,
     Group,
     Load,
-    MeshFile,
-    MeshSource,
-    MomentProbe,
-    Motion,
-    PanelShape,
     Pressure,
+    Scene,
+    Solver,
+    Stage,
+    Units,
+)
+from taichi_membrane.scene.probe import (
+    AreaProbe,
+    DisplacementProbe,
+    MomentProbe,
     Probe,
     RadiusProbe,
     ReactionProbe,
-    Rotation,
     RotationProbe,
-    Scene,
-    Solver,
-    SphereShape,
-    Stage,
     StressProbe,
+    VolumeProbe,
+)
+from taichi_membrane.scene.support import (
+    Components,
+    Motion,
+    Rotation,
     Support,
     Translation,
-    TubeShape,
-    Units,
-    Vector,
-    VolumeProbe,
-    WedgeShape,
 )
 
 __all__ = [

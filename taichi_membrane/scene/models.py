@@ -10,23 +10,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from taichi_membrane.names import SideStrain, WrinklingLaw
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Vector = tuple[Finite, Finite, Finite]
-Component = Literal["x", "y", "z"]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
-Count = Annotated[int, Field(ge=1, le=100_000)]
-
-
-class Model(BaseModel):
-    """A frozen record that refuses keys it does not know."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from taichi_membrane.scene.base import Finite, Model, Name, Positive, Vector
+from taichi_membrane.scene.mesh_source import MeshSource
+from taichi_membrane.scene.probe import Probe
+from taichi_membrane.scene.support import Motion, Support
 
 
 class Units(Model):
@@ -56,119 +46,6 @@ class Units(Model):
     def energy(self) -> str:
         """Label of force times length."""
         return f"{self.force}·{self.length}"
-
-
-class TubeShape(Model):
-    """A straight tube along +x from 0 to ``length``, with or without caps."""
-
-    shape: Literal["tube"]
-    radius: Positive
-    length: Positive
-    around: Annotated[int, Field(ge=3, le=20_000)]
-    along: Count
-    cap_start: Literal["none", "flat", "hemisphere"] = "none"
-    cap_end: Literal["none", "flat", "hemisphere"] = "hemisphere"
-    pattern: Literal["staggered", "diagonal"] = "staggered"
-
-
-class ArchShape(Model):
-    """A tube along a circular arc in the xz plane, feet on z = 0, open ends."""
-
-    shape: Literal["arch"]
-    span: Positive
-    radius: Positive
-    around: Annotated[int, Field(ge=3, le=20_000)]
-    along: Count
-    angle: Annotated[float, Field(gt=0, lt=360)] = 180.0
-    pattern: Literal["staggered", "diagonal"] = "staggered"
-
-
-class CushionShape(Model):
-    """Two flat rectangular sheets in z = 0, seamed along their rim."""
-
-    shape: Literal["cushion"]
-    width: Positive
-    height: Positive
-    along_x: Count
-    along_y: Count
-    pattern: Literal["diagonal", "alternating", "crossed"] = "alternating"
-
-
-class PanelShape(Model):
-    """A flat rectangle in z = 0 with a corner at the origin."""
-
-    shape: Literal["panel"]
-    width: Positive
-    height: Positive
-    along_x: Count
-    along_y: Count
-    pattern: Literal["diagonal", "alternating", "crossed"] = "diagonal"
-
-
-class SphereShape(Model):
-    """A sphere about the origin: a subdivided octahedron."""
-
-    shape: Literal["sphere"]
-    radius: Positive
-    divisions: Annotated[int, Field(ge=1, le=3000)]
-
-
-class DiscShape(Model):
-    """A flat disc in z = 0 about the origin; ring k has ``sectors`` · k nodes."""
-
-    shape: Literal["disc"]
-    radius: Positive
-    rings: Annotated[int, Field(ge=1, le=3000)]
-    sectors: Annotated[int, Field(ge=3, le=64)] = 6
-
-
-class AnnulusShape(Model):
-    """A flat ring in z = 0 about the origin, between two radii; nodes in staggered rings of ``around``."""
-
-    shape: Literal["annulus"]
-    inner: Positive
-    outer: Positive
-    around: Annotated[int, Field(ge=3, le=20_000)]
-    rings: Count
-
-
-class WedgeShape(Model):
-    """A sector of a flat disc in z = 0: apex at the origin, from the x axis counter-clockwise over ``angle`` degrees."""
-
-    shape: Literal["wedge"]
-    radius: Positive
-    angle: Annotated[float, Field(gt=0, le=180)]
-    rings: Annotated[int, Field(ge=1, le=3000)]
-    around: Count = 1
-
-
-class GivenMesh(Model):
-    """The mesh is handed to :func:`taichi_membrane.simulation.run` as an object."""
-
-    shape: Literal["given"]
-
-
-class MeshFile(Model):
-    """A triangle mesh in any format meshio reads; a relative path is relative to the scene file."""
-
-    shape: Literal["file"] = "file"
-    path: Annotated[str, Field(min_length=1)]
-    scale: Positive = 1.0
-
-
-MeshSource = Annotated[
-    TubeShape
-    | ArchShape
-    | CushionShape
-    | PanelShape
-    | SphereShape
-    | DiscShape
-    | AnnulusShape
-    | WedgeShape
-    | MeshFile
-    | GivenMesh,
-    Field(discriminator="shape"),
-]
 
 
 class Group(Model):
@@ -240,67 +117,6 @@ class Fabric(Model):
         return float(self.G) if self.G is not None else self.warp_modulus / (2 * (1 + self.nu))
 
 
-def _distinct(value: str) -> str:
-    """Refuse a list of components that names one twice."""
-    if len(set(value)) != len(value):
-        raise ValueError(f"a component is named twice in {value!r}")
-    return value
-
-
-Components = Annotated[str, Field(pattern=r"^[xyz]{1,3}$"), AfterValidator(_distinct)]
-
-
-class Support(Model):
-    """Displacement components of a node group that are held at zero: some of x, y, z, or the one along ``normal``.
-
-    ``normal`` makes a plane of symmetry of any direction: the nodes slide in it.
-    """
-
-    group: str
-    hold: Components | None = None
-    normal: Vector | None = None
-
-    @model_validator(mode="after")
-    def _one_way(self) -> Self:
-        if (self.hold is None) == (self.normal is None):
-            raise ValueError("give either hold (some of x, y, z) or normal (a direction)")
-        if self.normal is not None and not any(self.normal):
-            raise ValueError("normal: a direction needs a length above zero")
-        return self
-
-
-class Translation(Model):
-    """A prescribed motion: the named components of a node group move by the stage's factor times ``direction``."""
-
-    kind: Literal["translation"]
-    group: str
-    direction: Vector
-    hold: Components = "xyz"
-
-
-class Rotation(Model):
-    """A prescribed motion: a node group turns rigidly by the stage's factor, in degrees, about an axis; finite angles.
-
-    Only the components in ``hold`` are prescribed; the others stay free.
-    """
-
-    kind: Literal["rotation"]
-    group: str
-    axis: Vector
-    through: Vector
-    hold: Components = "xyz"
-
-    @field_validator("axis")
-    @classmethod
-    def _axis_has_length(cls, value: Vector) -> Vector:
-        if not any(value):
-            raise ValueError("a direction needs a length above zero")
-        return value
-
-
-Motion = Annotated[Translation | Rotation, Field(discriminator="kind")]
-
-
 class Pressure(Model):
     """A surface that pressure acts on, by element group.
 
@@ -336,84 +152,6 @@ class Stage(Model):
     pressure: Finite | dict[Name, Finite] | None = None
     loads: dict[Name, Finite] = {}
     motions: dict[Name, Finite] = {}
-
-
-class DisplacementProbe(Model):
-    """Mean displacement of a node group along x, y, z, or its ``magnitude``."""
-
-    kind: Literal["displacement"]
-    group: str
-    component: Literal["x", "y", "z", "magnitude"]
-
-
-class ReactionProbe(Model):
-    """Sum of the support forces on a node group."""
-
-    kind: Literal["reaction"]
-    group: str
-    component: Component
-
-
-class MomentProbe(Model):
-    """Moment of the support forces on a node group about an axis through a point, right-handed, on the deformed shape."""
-
-    kind: Literal["moment"]
-    group: str
-    axis: Vector
-    through: Vector
-
-
-class RotationProbe(Model):
-    """Mean rotation, in degrees, of a node group about an axis through a point: least squares over its nodes."""
-
-    kind: Literal["rotation"]
-    group: str
-    axis: Vector
-    through: Vector
-
-
-class RadiusProbe(Model):
-    """Mean distance of a node group's deformed positions from an axis (through the group's middle), or from that middle."""
-
-    kind: Literal["radius"]
-    group: str
-    axis: Component | Literal["centre"]
-
-
-class VolumeProbe(Model):
-    """Volume enclosed by a closed body; for an open one, the volume swept since rest."""
-
-    kind: Literal["volume"]
-
-
-class StressProbe(Model):
-    """Extreme or area-mean principal stress of an element group."""
-
-    kind: Literal["stress"]
-    group: str = "all"
-    which: Literal["major", "minor"] = "major"
-    reduce: Literal["max", "min", "mean"] = "max"
-
-
-class AreaProbe(Model):
-    """Share (0 to 1) of an element group's area that is in a state."""
-
-    kind: Literal["area_share"]
-    group: str = "all"
-    state: Literal["taut", "wrinkled", "slack"] = "wrinkled"
-
-
-Probe = Annotated[
-    DisplacementProbe
-    | ReactionProbe
-    | MomentProbe
-    | RotationProbe
-    | RadiusProbe
-    | VolumeProbe
-    | StressProbe
-    | AreaProbe,
-    Field(discriminator="kind"),
-]
 
 
 class Check(Model):

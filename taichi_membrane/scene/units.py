@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from taichi_membrane.scene.models import Scene, Translation
+from taichi_membrane.scene import Scene, Translation
 
 
 def probe_unit(scene: Scene, name: str) -> str:

@@ -14,6 +14,8 @@ CASES: dict[str, Callable[[], Case]] = {
     "cylinder": pressure.cylinder,
     "hencky": pressure.hencky,
     "disc": pressure.disc,
+    "mylar": pressure.mylar,
+    "airbag": pressure.airbag,
 }
 
 

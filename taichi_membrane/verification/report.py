@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from taichi_membrane.output.writer import write_text
 from taichi_membrane.pictures.plots import COLOURS, FONT, GREY, INK, MARKERS
 from taichi_membrane.verification.case import CaseResult, QuantityResult
 

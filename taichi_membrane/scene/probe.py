@@ -1,0 +1,87 @@
+"""What a scene measures at every load step."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from taichi_membrane.scene.base import Component, Model, Vector
+
+
+class DisplacementProbe(Model):
+    """Mean displacement of a node group along x, y, z, or its ``magnitude``."""
+
+    kind: Literal["displacement"]
+    group: str
+    component: Literal["x", "y", "z", "magnitude"]
+
+
+class ReactionProbe(Model):
+    """Sum of the support forces on a node group."""
+
+    kind: Literal["reaction"]
+    group: str
+    component: Component
+
+
+class MomentProbe(Model):
+    """Moment of the support forces on a node group about an axis through a point, right-handed, on the deformed shape."""
+
+    kind: Literal["moment"]
+    group: str
+    axis: Vector
+    through: Vector
+
+
+class RotationProbe(Model):
+    """Mean rotation, in degrees, of a node group about an axis through a point: least squares over its nodes."""
+
+    kind: Literal["rotation"]
+    group: str
+    axis: Vector
+    through: Vector
+
+
+class RadiusProbe(Model):
+    """Mean distance of a node group's deformed positions from an axis (through the group's middle), or from that middle."""
+
+    kind: Literal["radius"]
+    group: str
+    axis: Component | Literal["centre"]
+
+
+class VolumeProbe(Model):
+    """Volume enclosed by a closed body; for an open one, the volume swept since rest."""
+
+    kind: Literal["volume"]
+
+
+class StressProbe(Model):
+    """Extreme or area-mean principal stress of an element group."""
+
+    kind: Literal["stress"]
+    group: str = "all"
+    which: Literal["major", "minor"] = "major"
+    reduce: Literal["max", "min", "mean"] = "max"
+
+
+class AreaProbe(Model):
+    """Share (0 to 1) of an element group's area that is in a state."""
+
+    kind: Literal["area_share"]
+    group: str = "all"
+    state: Literal["taut", "wrinkled", "slack"] = "wrinkled"
+
+
+Probe = Annotated[
+    DisplacementProbe
+    | ReactionProbe
+    | MomentProbe
+    | RotationProbe
+    | RadiusProbe
+    | VolumeProbe
+    | StressProbe
+    | AreaProbe,
+    Field(discriminator="kind"),
+]

@@ -1,0 +1,70 @@
+"""What holds or moves a structure: supports and prescribed motions."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from taichi_membrane.scene.base import Model, Vector
+
+
+def _distinct(value: str) -> str:
+    """Refuse a list of components that names one twice."""
+    if len(set(value)) != len(value):
+        raise ValueError(f"a component is named twice in {value!r}")
+    return value
+
+
+Components = Annotated[str, Field(pattern=r"^[xyz]{1,3}$"), AfterValidator(_distinct)]
+
+
+class Support(Model):
+    """Displacement components of a node group that are held at zero: some of x, y, z, or the one along ``normal``.
+
+    ``normal`` makes a plane of symmetry of any direction: the nodes slide in it.
+    """
+
+    group: str
+    hold: Components | None = None
+    normal: Vector | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if (self.hold is None) == (self.normal is None):
+            raise ValueError("give either hold (some of x, y, z) or normal (a direction)")
+        if self.normal is not None and not any(self.normal):
+            raise ValueError("normal: a direction needs a length above zero")
+        return self
+
+
+class Translation(Model):
+    """A prescribed motion: the named components of a node group move by the stage's factor times ``direction``."""
+
+    kind: Literal["translation"]
+    group: str
+    direction: Vector
+    hold: Components = "xyz"
+
+
+class Rotation(Model):
+    """A prescribed motion: a node group turns rigidly by the stage's factor, in degrees, about an axis; finite angles.
+
+    Only the components in ``hold`` are prescribed; the others stay free.
+    """
+
+    kind: Literal["rotation"]
+    group: str
+    axis: Vector
+    through: Vector
+    hold: Components = "xyz"
+
+    @field_validator("axis")
+    @classmethod
+    def _axis_has_length(cls, value: Vector) -> Vector:
+        if not any(value):
+            raise ValueError("a direction needs a length above zero")
+        return value
+
+
+Motion = Annotated[Translation | Rotation, Field(discriminator="kind")]
