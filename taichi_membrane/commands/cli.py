@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
+from taichi_membrane.commands.study import study
 from taichi_membrane.errors import InputError
 from taichi_membrane.names import Arch, Precision
 
@@ -234,6 +235,9 @@ def schema() -> None:
     from taichi_membrane.scene import Scene
 
     typer.echo(json.dumps(Scene.model_json_schema(), indent=2))
+
+
+app.command()(study)
 
 
 def _camera(camera: Camera, changes: dict[str, Any]) -> Camera:

@@ -18,6 +18,8 @@ from taichi_membrane.names import TAUT
 # Sums run over this many fixed blocks, each added in order: the same bits whatever thread takes which block.
 _CPU_BLOCKS = 128
 _GPU_BLOCK_LENGTH = 16
+# Share of the structure's size: 24 bits then hold displacements of up to 32 sizes, and what is left to the rest is below this.
+_QUANTUM = 2.0**-19
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +55,9 @@ class Membrane:
         # Single precision resolves a displacement of 10 mm to 5e-7 mm, which a stiff fabric answers with a few percent of its
         # stress. The part that is rounded off is kept beside it, so that differences of displacements keep all their digits.
         self.split_displacement = active.precision == "f32"
+        # The leading part is a multiple of this power of two, so that no compiler can see through the split and undo it.
+        size = float(np.linalg.norm(np.ptp(structure.mesh.points, axis=0)))
+        self.displacement_quantum = 2.0 ** np.floor(np.log2(size * _QUANTUM))
         self.geometry = preparation.triangle_geometry(structure.mesh, structure.tri_warp)
         self.node_count, self.tri_count = structure.mesh.node_count, structure.mesh.tri_count
         if active.on_cpu:
@@ -134,6 +139,8 @@ class Membrane:
     def set_displacement(self, displacement: Floats) -> None:
         """Set all nodal displacements, (node_count, 3) lengths."""
         leading = np.ascontiguousarray(displacement, dtype=self.dtype)
+        if self.split_displacement:
+            leading = (np.round(displacement / self.displacement_quantum) * self.displacement_quantum).astype(self.dtype)
         self.node_displacement.from_numpy(leading)
         if self.split_displacement:
             self.node_displacement_rest.from_numpy((displacement - leading).astype(self.dtype))
@@ -208,9 +215,9 @@ class Membrane:
         if ti.static(self.split_displacement):
             before = self.node_displacement[i]
             change = increment + self.node_displacement_rest[i]
-            after = before + change
+            after = ti.round((before + change) / self.displacement_quantum) * self.displacement_quantum
             self.node_displacement[i] = after
-            self.node_displacement_rest[i] = change - (after - before)
+            self.node_displacement_rest[i] = change + (before - after)
         else:
             self.node_displacement[i] += increment
 

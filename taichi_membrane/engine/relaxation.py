@@ -29,6 +29,8 @@ _POLL = 32
 # Masses follow the geometry: refreshed at first every iteration, then at intervals that double while they grow by less than 1 %.
 _LONGEST_REFRESH = 256
 _SECOND_LEVEL = 256
+# A residual that has not fallen by a tenth in this many iterations has met round-off.
+_STAGNATION, _STAGNATION_FALL = 20_000, 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,6 +249,7 @@ class Relaxation:
         started = time.perf_counter()
         self.start_from_rest()
         done, interval, next_refresh = 0, 1, 1
+        best, best_at = np.inf, 0
         while done < max_iterations:
             batch = min(_POLL, next_refresh - done, max_iterations - done)
             for _ in range(batch):
@@ -257,13 +260,17 @@ class Relaxation:
             state = self.control[None]
             if report is not None:
                 report(Progress(iteration=done, residual=state.residual, seconds=time.perf_counter() - started))
-            if state.status != RUNNING:
+            if state.status != RUNNING or done - best_at > _STAGNATION:
                 break
+            if state.residual < _STAGNATION_FALL * best:
+                best, best_at = state.residual, done
             if done == next_refresh:
                 interval = min(2 * interval, _LONGEST_REFRESH) if state.mass_growth < 1.01 else max(interval // 2, 1)
                 next_refresh = done + interval
         state = self.control[None]
         reason = {RUNNING: "iteration limit", CONVERGED: "residual", NOT_FINITE: "not finite"}[state.status]
+        if state.status == RUNNING and done - best_at > _STAGNATION:
+            reason = f"stagnated at a residual of {best:.1e}"
         return SolveRecord(
             converged=state.status == CONVERGED,
             reason=reason,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.verification import pressure
+from taichi_membrane.verification import pressure, wrinkling
 from taichi_membrane.verification.case import Case
 
 # Functions, because a case computes its references when it is made.
@@ -16,6 +16,8 @@ CASES: dict[str, Callable[[], Case]] = {
     "disc": pressure.disc,
     "mylar": pressure.mylar,
     "airbag": pressure.airbag,
+    "strip": wrinkling.strip,
+    "annulus": wrinkling.annulus,
 }
 
 

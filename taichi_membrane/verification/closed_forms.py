@@ -76,3 +76,17 @@ def mylar_balloon() -> tuple[float, float, float]:
     """
     equator = 4.0 * math.sqrt(2.0 * math.pi) / math.gamma(0.25) ** 2
     return equator, 0.25 * math.pi * equator**2, 2.0 * math.pi / 3.0 * equator**2
+
+
+def wrinkled_strip(curvature: float, middle_strain: float, prestress: float, stiffness: float) -> tuple[float, float]:
+    """Axial force and moment of a strip of unit height with equal prestress both ways, bent and stretched (Stein, Hedgepeth 1961).
+
+    With E t = ``stiffness`` the axial resultant is N = N₀ + E t (ε + κ (y - ½)) where that is positive and zero in the wrinkled band
+    below, at y < b; strains count from the prestressed state.
+    """
+    lower = prestress + stiffness * (middle_strain - 0.5 * curvature)
+    if lower >= 0.0:
+        return prestress + stiffness * middle_strain, stiffness * curvature / 12.0
+    band = -lower / (stiffness * curvature)
+    force = 0.5 * stiffness * curvature * (1.0 - band) ** 2
+    return force, force * (1.0 / 6.0 + band / 3.0)

@@ -6,6 +6,7 @@ while both principal values are tensile, otherwise uniaxial. Lengths and resulta
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -99,3 +100,45 @@ def _cubic_root(cubic: float, linear: float, value: float) -> float:
         if abs(step) < 1e-15 * x:
             break
     return x
+
+
+def turned_hub(angles: Sequence[float], outer: float, nu: float) -> list[float]:
+    """Torque over 2π N₀ a² on the hub of an annulus with prestress N₀ both ways and a fixed rim (radius ``outer``), small strains.
+
+    Lengths over the hub's radius a, resultants over N₀, strains and ``angles``, which rise, over N₀/(E t). Moment equilibrium gives
+    N_rt = m/r², radial equilibrium (r N_r)' = N_t. Where taut, N_t = ν N_r + e_t; where that makes N_r N_t < N_rt², the stress is
+    uniaxial, N_t = N_rt²/N_r, and the strain across the rays follows from e_t. Both displacements of the rim are shot to zero
+    (the problem of Stein and Hedgepeth 1961, with a rim at a finite distance).
+    """
+    rest = 1.0 - nu  # the strain of the prestress
+
+    def local(r: float, u: float, radial: float, shear: float) -> tuple[float, float, float]:
+        """Radial strain, shear strain and hoop resultant."""
+        around = rest + u / r
+        hoop = nu * radial + around
+        if radial * hoop >= shear**2:
+            return radial - nu * hoop - rest, 2.0 * (1.0 + nu) * shear, hoop
+        hoop = shear**2 / radial
+        along = radial + hoop
+        cosine2, sine2 = radial / along, hoop / along
+        across = (around - along * sine2) / cosine2
+        return along * cosine2 + across * sine2 - rest, 2.0 * (along - across) * shear / along, hoop
+
+    def slope(r: float, state: Floats, m: float) -> list[float]:
+        u, pull, _ = state
+        radial, gamma, hoop = local(r, u, pull / r, m / r**2)
+        return [radial, hoop, gamma / r]
+
+    def miss(unknown: Floats, angle: float) -> list[float]:
+        pull, m = unknown
+        found = integrate.solve_ivp(
+            slope, (1.0, outer), [0.0, pull, -angle], args=(m,), method="DOP853", rtol=1e-9, atol=1e-11, max_step=0.2
+        )
+        return [float(found.y[0, -1]), float(found.y[2, -1])]
+
+    torques = []
+    solution = np.array([1.0, 1.0])
+    for angle in angles:
+        solution = optimize.fsolve(miss, solution, args=(angle,), xtol=1e-10)
+        torques.append(float(solution[1]))
+    return torques
