@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichi_membrane.engine import relaxation
+from taichi_membrane.engine.runtime import Runtime
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.results import RunResult
 from taichi_membrane.simulation.run import run
@@ -180,3 +182,27 @@ def test_step_too_large_for_the_iteration_limit_is_halved_then_refused_honestly(
     assert "iteration limit" in last.reason
     assert np.array_equal(last.displacement, np.zeros_like(last.displacement))
     assert last.pressures == {"inside": 0.0}
+
+
+def test_the_two_level_sums_of_graphics_devices_find_the_same_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Graphics devices sum in short blocks and then in groups; on the processor that code must agree to round-off."""
+    tips = []
+    for on_cpu in (True, False):
+        monkeypatch.setattr(Runtime, "on_cpu", property(lambda _, value=on_cpu: value))
+        scene = CANTILEVER | {"stages": CANTILEVER["stages"][:2], "solver": {"kind": "relaxation", "tolerance": 1e-9}}
+        tips.append(solve(**scene).steps[-1].probes["tip"])
+    assert tips[0] != 0.0
+    assert tips[1] == pytest.approx(tips[0], rel=1e-7)  # the residual's tolerance, carried to the tip
+
+
+def test_stagnation_is_told_instead_of_iterating_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tolerance below round-off cannot be met; the solver says so long before its limit."""
+    monkeypatch.setattr(relaxation, "_STAGNATION", 300)
+    scene = CANTILEVER | {
+        "stages": CANTILEVER["stages"][:1],
+        "solver": {"kind": "relaxation", "tolerance": 1e-30, "max_cuts": 0},
+    }
+    result = run(Scene.model_validate({"name": "test", "units": {"length": "mm", "force": "N"}, **scene}))
+    assert not result.converged
+    assert "stagnated at a residual of" in result.steps[-1].reason
+    assert result.steps[-1].iterations < 100_000

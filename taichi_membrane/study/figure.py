@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogFormatterSciNotation, LogLocator, NullFormatter, NullLocator
 
 from taichi_membrane.pictures.plots import COLOURS, DPI, FONT, GREY, INK
 from taichi_membrane.study.analyse import Convergence, Row, Study
@@ -81,12 +81,12 @@ def _draw_cost(axes: Axes, item: Convergence, rows: Sequence[Row], study: Study,
         tolerance = group[0].run.case.scene.solver.tolerance
         dashes = _DASHES[tolerances.index(tolerance) % len(_DASHES)] if tolerance is not None else "-"
         _draw_line(axes, [(row.run.cost, row.error or math.nan) for row in group], *_look(group[0]), dashes=dashes)
-    _log_axis(axes, "x", [row.run.cost for row in shown])
+    _log_axis(axes, "x", [row.run.cost for row in shown], plain=True)
     _log_axis(axes, "y", [row.error for row in shown])
 
 
 def _draw_meshes(axes: Axes, item: Convergence) -> None:
-    order = "" if item.fitted_order is None else f"observed order {item.fitted_order:.2f}"
+    order = "mesh" if item.fitted_order is None else f"mesh, observed order {item.fitted_order:.2f}"
     _prepare(axes, order, "mesh size, 1/√triangles", "relative discretisation error")
     points = [(point.run.case.size, point.error) for point in item.meshes if point.error]
     axes.plot([size for size, _ in points], [error for _, error in points], "-D", color=INK, lw=1.6, ms=5.0, zorder=4)
@@ -96,13 +96,13 @@ def _draw_meshes(axes: Axes, item: Convergence) -> None:
         for slope, dashes in ((1, (0, (1, 2))), (2, (0, (6, 3)))):
             ends = [size, smallest], [error, error * (smallest / size) ** slope]
             axes.plot(*ends, color=GREY, lw=1.1, ls=dashes, zorder=2)
-    _log_axis(axes, "x", [size for size, _ in points])
+    _log_axis(axes, "x", [size for size, _ in points], plain=True)
     _log_axis(axes, "y", [error for _, error in points])
 
 
 def _draw_iteration(axes: Axes, item: Convergence, rows: Sequence[Row]) -> None:
     """Lines join tolerances here; each is one mesh."""
-    _prepare(axes, "", "tolerance of the solver", "relative iteration error")
+    _prepare(axes, "iteration", "tolerance of the solver", "relative iteration error")
     shown = [row for row in rows if row.iteration_error]
     for group in _grouped(shown, lambda row: (row.run.case.mesh, *_look(row))):
         points = sorted((_tolerance(row), row.iteration_error or math.nan) for row in group)
@@ -173,8 +173,11 @@ def _prepare(axes: Axes, heading: str, x_label: str, y_label: str) -> None:
     axes.set_axisbelow(True)
 
 
-def _log_axis(axes: Axes, name: Literal["x", "y"], values: Iterable[float | None]) -> None:
-    """A logarithmic axis with labels at whole decades, or at 1, 2, 5 where the data span less than that needs."""
+def _log_axis(axes: Axes, name: Literal["x", "y"], values: Iterable[float | None], *, plain: bool = False) -> None:
+    """A logarithmic axis with labels at whole decades, or at 1, 2, 5 where the data span less than that needs.
+
+    :param plain: write 0.02 rather than 2 × 10⁻².
+    """
     logs = [math.log10(value) for value in values if value]
     if not logs:
         (axes.set_xticks if name == "x" else axes.set_yticks)([])
@@ -187,6 +190,7 @@ def _log_axis(axes: Axes, name: Literal["x", "y"], values: Iterable[float | None
     (axes.set_xlim if name == "x" else axes.set_ylim)(10**low, 10**high)
     subs = (1.0, 2.0, 5.0) if high - low < 1.7 else (1.0,)
     axis.set_major_locator(LogLocator(subs=subs, numticks=9))
-    axis.set_major_formatter(LogFormatterSciNotation(labelOnlyBase=False, minor_thresholds=(math.inf, math.inf)))
+    powers = LogFormatterSciNotation(labelOnlyBase=False, minor_thresholds=(math.inf, math.inf))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}") if plain else powers)
     axis.set_minor_locator(NullLocator() if len(subs) > 1 else LogLocator(subs=(2.0, 5.0), numticks=9))
     axis.set_minor_formatter(NullFormatter())
