@@ -38,6 +38,8 @@ class Convergence:
 
     :param reference: what errors are measured against, None where there is none; ``origin`` says where it comes from.
     :param fitted_order: slope of log error over log mesh size, by least squares; None below two meshes with an error.
+    :param observed_order: the order to quote: fitted, but Richardson's where the reference is the finest mesh, which has an error
+        of its own and makes the slope too steep; None where there is none.
     :param extrapolation: from the three finest meshes, None where they have no common limit; ``no_extrapolation`` says why.
     """
 
@@ -47,6 +49,7 @@ class Convergence:
     origin: str
     meshes: tuple[MeshPoint, ...]
     fitted_order: float | None
+    observed_order: float | None
     extrapolation: Extrapolation | None
     no_extrapolation: str
 
@@ -162,13 +165,16 @@ def _convergence(plan: Plan, probe: str, sequence: str, runs: Sequence[Run]) -> 
         for run in best
     )
     known = [(point.run.case.size, point.error) for point in meshes if point.error is not None]
+    fitted = fitted_order([size for size, _ in known], [error for _, error in known])
+    richardson = extrapolation.order if extrapolation is not None else None
     return Convergence(
         sequence=sequence,
         probe=probe,
         reference=reference,
         origin=origin,
         meshes=meshes,
-        fitted_order=fitted_order([size for size, _ in known], [error for _, error in known]),
+        fitted_order=fitted,
+        observed_order=richardson if plan.reference == "finest" else fitted,
         extrapolation=extrapolation,
         no_extrapolation=reason,
     )

@@ -86,7 +86,7 @@ def _draw_cost(axes: Axes, item: Convergence, rows: Sequence[Row], study: Study,
 
 
 def _draw_meshes(axes: Axes, item: Convergence) -> None:
-    order = "mesh" if item.fitted_order is None else f"mesh, observed order {item.fitted_order:.2f}"
+    order = "mesh" if item.observed_order is None else f"mesh, observed order {item.observed_order:.2f}"
     _prepare(axes, order, "mesh size, 1/√triangles", "relative discretisation error")
     points = [(point.run.case.size, point.error) for point in item.meshes if point.error]
     axes.plot([size for size, _ in points], [error for _, error in points], "-D", color=INK, lw=1.6, ms=5.0, zorder=4)

@@ -127,6 +127,7 @@ def _convergence_record(item: Convergence) -> dict[str, Any]:
         "reference": item.reference,
         "origin": item.origin,
         "fitted_order": item.fitted_order,
+        "observed_order": item.observed_order,
         "extrapolation": None if item.extrapolation is None else asdict(item.extrapolation),
         "no_extrapolation": item.no_extrapolation,
         "meshes": [
@@ -175,7 +176,7 @@ def convergence_text(item: Convergence) -> str:
     if item.reference == 0:
         words.append("Relative errors against zero are not defined.")
     if item.fitted_order is not None:
-        words.append(f"Observed order, fitted to the discretisation errors: {item.fitted_order:.2f}.")
+        words.append(f"Order fitted to the discretisation errors: {item.fitted_order:.2f}.")
     if item.extrapolation is not None:
         found = item.extrapolation
         words.append(f"Richardson on the three finest meshes: order {found.order:.2f}, limit {found.value:.8g}.")

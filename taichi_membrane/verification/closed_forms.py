@@ -90,3 +90,41 @@ def wrinkled_strip(curvature: float, middle_strain: float, prestress: float, sti
     band = -lower / (stiffness * curvature)
     force = 0.5 * stiffness * curvature * (1.0 - band) ** 2
     return force, force * (1.0 / 6.0 + band / 3.0)
+
+
+def off_axis_strain(
+    axial: float, hoop: float, *, warp: float, weft: float, nu: float, shear: float, angle: float
+) -> tuple[float, float, float]:
+    """Axial, hoop and shear strain of an orthotropic tube wall, warp turned by ``angle`` radians from the axis towards the hoop.
+
+    The resultants are turned into the fabric's axes, the compliance applied (``warp``, ``weft``, ``shear``: modulus times thickness),
+    and the strains turned back; linear.
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    first, second, shear_force = axial * c * c + hoop * s * s, axial * s * s + hoop * c * c, (hoop - axial) * s * c
+    e1, e2, gamma = first / warp - nu * second / warp, second / weft - nu * first / warp, shear_force / shear
+    return (
+        e1 * c * c + e2 * s * s - gamma * s * c,
+        e1 * s * s + e2 * c * c + gamma * s * c,
+        2.0 * (e1 - e2) * s * c + gamma * (c * c - s * s),
+    )
+
+
+def inflated_cantilever(
+    load: float, *, length: float, radius: float, stiffness: float, nu: float, pressure: float
+) -> float:
+    """Tip deflection of an inflated tube before it wrinkles (Fichter 1966; Le van and Wielgosz 2005).
+
+    v = F L³/(3 (E + P/S) I) + F L/(P + k G S) with P = p π r², S = 2π r t, I = π r³ t, k = 1/2; all of the inflated tube.
+    """
+    push = math.pi * pressure * radius**2
+    bending = math.pi * radius**3 * (stiffness + 0.5 * pressure * radius)
+    shear = 0.5 * stiffness / (2.0 * (1.0 + nu)) * 2.0 * math.pi * radius
+    return load * length**3 / (3.0 * bending) + load * length / (push + shear)
+
+
+def catenoid_neck(ratio: float) -> float:
+    """Neck radius c of the stable catenoid between two rings of unit radius at z = ±``ratio``: 1 = c cosh(ratio/c)."""
+    # The stable one is the wider: c above that of the tangent from the origin to the hyperbolic cosine.
+    tangent = float(optimize.brentq(lambda x: x * math.tanh(x) - 1.0, 1.0, 1.5))
+    return float(optimize.brentq(lambda c: c * math.cosh(ratio / c) - 1.0, ratio / tangent, 1.0, xtol=1e-14))
