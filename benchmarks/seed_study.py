@@ -1,47 +1,432 @@
-"""closed forms draft"""
+"""The seed paper's beams and arch: closed forms, and the tables of docs/seed.md.
+
+    python benchmarks/seed_study.py [references table1 cantilever beam arch stiffness collapse]
+
+Without arguments everything is printed, in some minutes. Every run starts from a shipped scene ``scenes/seed_*.toml`` and changes
+what its table is about. Units: N with mm (beams) or m (arch).
+"""
+
 from __future__ import annotations
+
 import math
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_membrane.scene import Scene
+from taichi_membrane.scene.file import load_scene
+from taichi_membrane.simulation.results import RunResult, StepResult
+from taichi_membrane.simulation.run import run
+
 Floats = NDArray[np.float64]
+SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tube:
+    """A closed tube as a cantilever, or as half of a beam on two supports.
+
+    :param length: of the cantilever, or half span [length].
+    :param stiffness: E t [force per length].
+    :param strap: length next to the root over which a centre load is spread on this half; 0 for a load at a point.
+    """
+
     radius: float
     length: float
     stiffness: float
     poisson: float
     pressure: float
+    strap: float = 0.0
 
     def inflated(self) -> Tube:
-        """Closed tube after inflation"""
+        """The tube with its dimensions under pressure, and E t per inflated width and length.
+
+        Resultants per unstressed width: hoop p r λ_hoop λ_axial, axial p r λ_hoop²/2; strains are engineering strains.
+        """
         hoop = axial = 1.0
-        for _ in range(50):
-            n_hoop = self.pressure * self.radius * hoop * axial / self.stiffness
-            n_axial = 0.5 * self.pressure * self.radius * hoop * hoop / self.stiffness
-            hoop, axial = 1.0 + n_hoop - self.poisson * n_axial, 1.0 + n_axial - self.poisson * n_hoop
-        return Tube(radius=self.radius * hoop, length=self.length * axial, stiffness=self.stiffness * axial / hoop,
-                    poisson=self.poisson, pressure=self.pressure)
+        for _ in range(100):  # contracts by p r/(E t), at most 0.02 here, each time
+            along = 0.5 * self.pressure * self.radius * hoop**2 / self.stiffness
+            across = self.pressure * self.radius * hoop * axial / self.stiffness
+            hoop, axial = 1.0 + across - self.poisson * along, 1.0 + along - self.poisson * across
+        return replace(
+            self,
+            radius=self.radius * hoop,
+            length=self.length * axial,
+            strap=self.strap * axial,
+            stiffness=self.stiffness * axial / hoop,
+        )
 
     @property
     def collapse_moment(self) -> float:
+        """π p r³: the section's whole tension stands at one generator. Wrinkling starts at half of it."""
         return math.pi * self.pressure * self.radius**3
 
+    @property
+    def collapse_force(self) -> float:
+        """Force at the free end (half the centre load) that exhausts the root section; its lever ends in mid-strap."""
+        return self.collapse_moment / (self.length - 0.5 * self.strap)
+
     def curvature(self, share: Floats) -> Floats:
-        """Comer-Levy curvature at moments M / collapse moment."""
-        theta = np.linspace(0.0, math.pi - 0.02, 40001)
-        rest = np.sin(theta) + (math.pi - theta) * np.cos(theta)
-        moment = (2 * (math.pi - theta) + np.sin(2 * theta)) / (4 * rest)
-        bent = np.interp(share, moment, math.pi / (2 * rest))
-        return np.where(share <= 0.5, share, bent) * self.pressure / self.stiffness
+        """Curvature at M = ``share`` · π p r³, share below 1, after Comer and Levy (AIAA J. 1 (1963) 1652).
+
+        With half the slack arc θ and d = sin θ + (π - θ) cos θ: share = (2π - 2θ + sin 2θ)/(4 d), κ = π p/(2 d E t).
+        """
+        slack = np.linspace(0.0, math.pi - 0.02, 40_001)
+        d = np.sin(slack) + (math.pi - slack) * np.cos(slack)
+        moment = (2.0 * (math.pi - slack) + np.sin(2.0 * slack)) / (4.0 * d)
+        wrinkled = np.interp(share, moment, math.pi / (2.0 * d))
+        return np.where(share <= 0.5, share, wrinkled) * self.pressure / self.stiffness
 
     def deflection(self, force: float) -> float:
-        """cantilever tip"""
-        share = force * self.length / self.collapse_moment
+        """Deflection of the end: ∫ κ x dx, and shear over p π r² + G t π r (Fichter 1966; shear coefficient 1/2)."""
         x = self.length * np.linspace(0.0, 1.0, 4001)
-        bending = np.trapezoid(self.curvature(share * x / self.length) * x, x)
-        wall = math.pi * self.radius * self.stiffness / (2 * (1 + self.poisson))
-        return float(bending) + force * self.length / (self.pressure * math.pi * self.radius**2 + wall)
+        inside = np.maximum(x - (self.length - self.strap), 0.0)
+        moment = force * (x - (0.5 * inside**2 / self.strap if self.strap else 0.0))
+        bending = np.trapezoid(self.curvature(moment / self.collapse_moment) * x, x)
+        shear = self.pressure * math.pi * self.radius**2 + math.pi * self.radius * self.stiffness / (
+            2.0 * (1.0 + self.poisson)
+        )
+        return float(bending) + force * (self.length - 0.5 * self.strap) / shear
+
+
+TABLE1 = Tube(radius=150.0, length=1500.0, stiffness=400.0, poisson=0.1, pressure=0.0169)
+CANTILEVER = Tube(radius=25.0, length=400.0, stiffness=400.0, poisson=0.1, pressure=0.035)
+BEAM = replace(CANTILEVER, length=200.0, strap=25.0)
+PRINTED = {
+    5: (1.438, 1.436), 10: (2.876, 2.872), 15: (4.313, 4.308), 20: (5.749, 5.744), 25: (7.184, 7.719),
+    30: (8.618, 8.608), 35: (10.05, 10.04), 40: (11.48, 11.48), 45: (12.91, 12.91), 50: (14.34, 14.35),
+}  # fmt: skip
+ARCH_RADIUS, ARCH_TUBE = 6.0, Tube(radius=0.4, length=6.0, stiffness=5e5, poisson=0.3, pressure=1e4)
+
+
+def arch_first_wrinkle(feet: str) -> float:
+    """Crown load at which M + H r/2 = π p r³/2 at the crown of a thin, inextensible semicircular arch with thrust H there.
+
+    Pinned: H = P/π, M = P R (1/2 - 1/π). Fixed: H = P (4 - π)/(π² - 8), M = P R/π - H R (1 - 2/π) (energy theorem).
+    """
+    thrust = 1.0 / math.pi if feet == "pinned" else (4.0 - math.pi) / (math.pi**2 - 8.0)
+    moment = ARCH_RADIUS * (0.5 - thrust if feet == "pinned" else 1.0 / math.pi - thrust * (1.0 - 2.0 / math.pi))
+    return 0.5 * ARCH_TUBE.collapse_moment / (moment + 0.5 * thrust * ARCH_TUBE.radius)
+
+
+def arch_mechanism(feet: str) -> float:
+    """Crown load of the hinge mechanism: |M| = (π p r² - thrust) r at crown and haunches, and at the feet where fixed."""
+    big, r = ARCH_RADIUS, ARCH_TUBE.radius
+    tension = ARCH_TUBE.collapse_moment / r
+    if feet == "fixed":  # thrusts P/2 at crown and foot, P/√2 at the haunch
+        return 2.0 * tension * r / ((big + r) / math.sqrt(2.0) - 0.5 * (big - r))
+
+    def excess(load: float) -> float:
+        crown = (0.5 * load * big - tension * r) / (big - r)
+        haunch = (0.5 * load * big + tension * r) / (big + r)
+        return 0.25 * load**2 + crown**2 - haunch**2
+
+    low, high = 2.0 * tension * r / big, 16.0 * tension * r / big
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
+    return low
+
+
+def solve(name: str, *overrides: str, **parts: Any) -> RunResult:
+    """Run a shipped scene with values replaced by ``overrides`` and whole parts by ``parts``; its checks are left out."""
+    scene = load_scene(SCENES / f"{name}.toml", ["checks=[]", "solver.max_iterations=3000", *overrides])
+    return run(Scene.model_validate({**scene.model_dump(), **parts}))
+
+
+def loaded(result: RunResult, stage: str = "load") -> list[StepResult]:
+    """The converged steps of a stage."""
+    return [step for step in result.steps if step.stage == stage and step.converged]
+
+
+def onset(result: RunResult, load: str, away: float, axis: int) -> float:
+    """Load at which the first element wrinkles that is further than ``away`` from the held ends along ``axis``.
+
+    The smallest minor trial stress of these elements, interpolated to zero between load steps.
+    """
+    centroid = result.mesh.points[result.mesh.triangles].mean(axis=1)[:, axis]
+    region = (centroid > away) & (centroid < centroid.max() - away if axis == 0 else True)
+    steps = loaded(result)
+    margins = [float(step.elements.taut_margin[region].min()) for step in steps]
+    after = next(k for k, margin in enumerate(margins) if margin < 0.0)
+    share = margins[after - 1] / (margins[after - 1] - margins[after])
+    return steps[after - 1].loads[load] + share * (steps[after].loads[load] - steps[after - 1].loads[load])
+
+
+def carried_onset(result: RunResult, tube: Tube, step: StepResult, force: float) -> float:
+    """Root onset of a cantilever from the axial stress of a taut step: fitted N₀ + (a + b x) cos θ at x = 0."""
+    middle = result.mesh.points[result.mesh.triangles].mean(axis=1)
+    wall = (middle[:, 0] > 3.0 * tube.radius) & (middle[:, 0] < tube.length - 3.0 * tube.radius)
+    cosine = middle[wall, 2] / np.hypot(middle[wall, 1], middle[wall, 2])
+    columns = np.stack([np.ones_like(cosine), cosine, cosine * middle[wall, 0]], axis=1)
+    level, at_root, _ = np.linalg.lstsq(columns, step.elements.stress[wall, 0], rcond=None)[0]
+    return float(force * level / abs(at_root))
+
+
+def table(title: str, head: list[str], rows: list[list[str]]) -> None:
+    """Print a Markdown table."""
+    print(f"\n{title}\n\n| {' | '.join(head)} |\n|{'---|' * len(head)}")
+    for row in rows:
+        print(f"| {' | '.join(row)} |")
+    sys.stdout.flush()
+
+
+def study_references() -> None:
+    """First-wrinkle and collapse loads of the closed forms, with nominal and inflated dimensions."""
+    rows = []
+    for name, tube, both in (
+        ("table 1", TABLE1, 1.0),
+        ("figure 5, N", CANTILEVER, 1.0),
+        ("figure 4, load at a point, N", replace(BEAM, strap=0.0), 2.0),
+        ("figure 4, strap, N", BEAM, 2.0),
+    ):
+        values = [both * t.collapse_force * share for share in (0.5, 1.0) for t in (tube, tube.inflated())]
+        rows.append([name, *(f"{value:.3f}" for value in values)])
+    head = ["", "first wrinkle, nominal", "inflated", "collapse, nominal", "inflated"]
+    table("Closed forms: straight tubes", head, rows)
+    rows = [[feet, f"{arch_first_wrinkle(feet):.1f}", f"{arch_mechanism(feet):.0f}"] for feet in ("pinned", "fixed")]
+    table("Closed forms: arch, N", ["feet", "first wrinkle", "hinge mechanism"], rows)
+
+
+def study_table1() -> None:
+    """Table 1 beside the seed's columns, its mesh convergence, and what end and load do to it."""
+    result = solve("seed_table1")
+    ours = [-step.probes["deflection"] for step in loaded(result)]
+    rows = [
+        [f"{load}", *(f"{v:g}" for v in printed), f"{d:.4f}", f"{100 * (d / printed[0] - 1):+.2f} %"]
+        for (load, printed), d in zip(PRINTED.items(), ours, strict=True)
+    ]
+    table("Table 1, mm", ["N", "seed", "LUSAS", "ours", "ours to seed"], rows)
+    meshes = [(16, 28), (24, 42), (32, 56), (48, 84), (64, 112)]
+    changes = {f"{n} × {m}": [f"mesh.around={n}", f"mesh.along={m}"] for n, m in meshes}
+    changes |= {
+        "32 × 56, uniform diagonals": ["mesh.pattern=diagonal"],
+        "32 × 56, flat cap": ["mesh.cap_end=flat"],
+        "32 × 56, load at the cap's pole": ["loads.tip.group=tip"],
+        "32 × 56, load over the cap": ["loads.tip.group=cap_end", "loads.tip.spread=area"],
+        "32 × 56, load on the top node of the end ring": [
+            "groups.one={where='x = 1500 within 1e-6 and z > 149.9'}",
+            "loads.tip.group=one",
+        ],
+        "32 × 56, Green strain": ["fabric.side_strain=green"],
+    }
+    rows = []
+    for name, overrides in changes.items():
+        run_ = solve("seed_table1", *overrides)
+        values = [-step.probes["deflection"] for step in loaded(run_)]
+        first, last = values[0], values[-1]
+        rows.append([name, str(run_.mesh.tri_count), f"{first:.4f}", f"{last:.4f}", f"{last / first / 10 - 1:+.4%}"])
+    table("Table 1: mesh, end and load", ["", "elements", "5 N, mm", "50 N, mm", "bend of the curve"], rows)
+
+
+SHARES = (6, 10, 12, 14, 16, 17, 18, 19)  # load steps of 0.05 of the collapse load
+
+
+def excess(result: RunResult, tube: Tube, half: float) -> list[str]:
+    """Deflection over beam theory at the load steps SHARES; ``half`` is 0.5 where the load goes to two half spans."""
+    steps = {step.stage_step: step for step in loaded(result)}
+    name = next(iter(result.scene.loads), "")
+    inflated = tube.inflated()
+    values = []
+    for number in SHARES:
+        if number not in steps:
+            values.append("–")
+            continue
+        force = half * steps[number].loads[name]
+        values.append(f"{100 * (-steps[number].probes['deflection'] / inflated.deflection(force) - 1):+.1f} %")
+    return values
+
+
+def study_cantilever() -> None:
+    """Deflection over Comer-Levy by mesh, slenderness and root; and where wrinkling starts."""
+    rows, onsets = [], []
+    for n, m in ((24, 60), (32, 80), (48, 120)):
+        result = solve("seed_fig5_load", f"mesh.around={n}", f"mesh.along={m}")
+        rows.append([f"L = 400, {n} × {m}", *excess(result, CANTILEVER, 1.0)])
+        steps = loaded(result)
+        carried = carried_onset(result, CANTILEVER, steps[4], steps[4].loads["tip"])
+        onsets.append(
+            [f"{n} × {m}", f"{onset(result, 'tip', 0, 0):.3f}", f"{onset(result, 'tip', 25, 0):.3f}", f"{carried:.3f}"]
+        )
+    for length in (200, 800):
+        tube = replace(CANTILEVER, length=float(length))
+        result = solve(
+            "seed_fig5_load",
+            f"mesh.length={length}",
+            f"mesh.along={length // 5}",
+            f"stages.load.loads={{tip={0.95 * tube.collapse_force}}}",
+        )
+        rows.append([f"L = {length}, 32 × {length // 5}", *excess(result, tube, 1.0)])
+    free = solve("seed_fig5_load", **FREE_ROOT)
+    rows.append(["L = 400, root free to widen and flatten", *excess(free, CANTILEVER, 1.0)])
+    head = ["load over collapse (nominal)", *(f"{0.05 * k:.2f}" for k in SHARES)]
+    table("Cantilever: deflection over beam theory of the inflated dimensions", head, rows)
+    head = ["mesh", "any element", "further than r from the ring", "taut stress carried to the root"]
+    table("Cantilever: first wrinkle, N", head, onsets)
+    inflated = CANTILEVER.inflated()
+    at_root = 0.5 * inflated.collapse_force
+    print(f"\ntheory: {at_root:.3f} N at the root, {at_root / (1 - 25 / 400):.3f} N at r from it (inflated dimensions)")
+
+
+FREE_ROOT: dict[str, Any] = {
+    "groups": {
+        "free_wall": {"where": "x > 25 and x < 375", "kind": "elements"},
+        "root_mirror": {"where": "x = 0 within 1e-6 and y = 0 within 1e-6"},
+        "root_sides": {"where": "x = 0 within 1e-6 and z = 0 within 1e-6"},
+    },
+    "supports": [
+        {"group": "start", "hold": "x"},
+        {"group": "root_mirror", "hold": "y"},
+        {"group": "root_sides", "hold": "z"},
+    ],
+}
+
+
+def devices() -> dict[str, list[str]]:
+    """Ways to bring the centre load into the beam, as overrides of seed_fig4_load."""
+    node = "groups.strap={where='x = 200 within 1e-6 and y = 0 within 1e-6 and z > 0'}"
+    return {
+        "strap, 50 mm": [],
+        "strap, 17 mm": ["groups.strap={where='x > 194 and x < 206'}"],
+        "strap, 83 mm": ["groups.strap={where='x > 160 and x < 240'}"],
+        "middle ring, equal forces": ["loads.centre.group=middle"],
+        "saddle: upper half of the strap": ["groups.strap={where='x > 176 and x < 224 and z > -0.1'}"],
+        "patch: 45° each side of the top": ["groups.strap={where='x > 176 and x < 224 and z > 17'}"],
+        "one node": [node],
+        "one node, 24 × 72": [node, "mesh.around=24"],
+        "one node, 48 × 120": [node, "mesh.around=48", "mesh.along=120"],
+    }
+
+
+def study_beam() -> None:
+    """The simply supported beam by the way its load is applied, and by mesh and span."""
+    point = replace(BEAM, strap=0.0)
+    rows, onsets = [], []
+    for name, overrides in devices().items():
+        result = solve("seed_fig4_load", *overrides)
+        rows.append([name, *excess(result, point, 0.5)])
+        onsets.append([name, f"{onset(result, 'centre', 25.0, 0):.2f}"])
+    rigid = solve("seed_fig5_load", "mesh.length=200", "mesh.along=40", f"stages.load.loads={{tip={0.95 * point.collapse_force}}}",
+                  "groups.free_wall.where='x > 25 and x < 175'")  # fmt: skip
+    rows.append(["rigid collar (cantilever of half the span)", *excess(rigid, point, 1.0)])
+    onsets.append(["rigid collar", f"{2 * onset(rigid, 'tip', 25.0, 0):.2f}"])
+    for factor in (2, 4):
+        tube = replace(point, length=200.0 * factor)
+        result = solve(
+            "seed_fig4_load",
+            f"mesh.length={400 * factor}",
+            f"mesh.along={72 * factor}",
+            "mesh.around=24",
+            f"groups.strap={{where='x > {200 * factor - 24} and x < {200 * factor + 24}'}}",
+            f"stages.load.loads={{centre={1.9 * tube.collapse_force}}}",
+        )
+        rows.append([f"strap, 50 mm, span {400 * factor}", *excess(result, tube, 0.5)])
+    head = ["load over collapse (nominal)", *(f"{0.05 * k:.2f}" for k in SHARES)]
+    table("Beam: deflection over beam theory of a load at a point", head, rows)
+    table("Beam: first wrinkle further than r from the supports, N", ["load", "N"], onsets)
+
+
+def study_arch() -> None:
+    """First wrinkle of the arch by load, fabric, feet and mesh."""
+    fixed = {"supports": [{"group": "feet", "hold": "xyz"}]}
+    rows = []
+    for scene in ("seed_arch_ring", "seed_arch_patch", "seed_arch_node"):
+        for modulus in ("5e8", "5e9"):
+            for n, m in ((16, 64), (24, 96), (32, 128)):
+                if (n, m) == (16, 64) and scene != "seed_arch_node":
+                    continue
+                mesh = [f"mesh.around={n}", f"mesh.along={m}", f"fabric.E={modulus}", "stages.load.steps=17"]
+                area = n * ARCH_TUBE.radius**2 * math.sin(2 * math.pi / n) * ARCH_TUBE.pressure
+                mesh += [
+                    f"stages.inflate.loads={{feet={-area}}}",
+                    f"stages.load.loads={{crown=1360, feet={1360 - area}}}",
+                ]
+                values = []
+                for parts in ({}, fixed):
+                    result = solve(scene, *mesh, **parts)
+                    values.append(f"{onset(result, 'crown', 0.4, 2):.0f}")
+                rows.append([scene.removeprefix("seed_arch_"), f"{float(modulus) / 1e6:.0f}", f"{n} × {m}", *values])
+    table(
+        "Arch: first wrinkle further than r above the feet, N", ["load", "E t, N/mm", "mesh", "pinned", "fixed"], rows
+    )
+
+
+def study_stiffness() -> None:
+    """Tangent stiffness over that before wrinkling, at loads relative to each structure's theoretical first wrinkle."""
+    rows = []
+    cases: tuple[tuple[str, str, str, float], ...] = (
+        ("cantilever", "seed_fig5_load", "tip", 0.5 * CANTILEVER.collapse_force),
+        ("simply supported, strap", "seed_fig4_load", "centre", replace(BEAM, strap=0.0).collapse_force),
+        ("arch, pinned, ring load", "seed_arch_ring", "crown", arch_first_wrinkle("pinned")),
+        ("arch, pinned, patch load", "seed_arch_patch", "crown", arch_first_wrinkle("pinned")),
+    )
+    for name, scene, load, wrinkle in cases:
+        steps = loaded(solve(scene))
+        force = np.array([step.loads[load] for step in steps])
+        down = np.array([-step.probes["deflection"] for step in steps])
+        stiffness = np.diff(force) / np.diff(down)
+        at = 0.5 * (force[1:] + force[:-1]) / wrinkle
+        shares = np.interp((1.1, 1.25, 1.5, 1.75), at, stiffness / stiffness[0])
+        rows.append([name, *(f"{share:.2f}" for share in shares)])
+    down_ = [CANTILEVER.deflection(share * 0.5 * CANTILEVER.collapse_force) for share in (0.1, 0.2)]
+    initial = 0.1 / (down_[1] - down_[0])
+    theory = []
+    for share in (1.1, 1.25, 1.5, 1.75):
+        low, high = (CANTILEVER.deflection((share + e) * 0.5 * CANTILEVER.collapse_force) for e in (-0.01, 0.01))
+        theory.append(f"{0.02 / (high - low) / initial:.2f}")
+    rows.append(["Comer-Levy, cantilever", *theory])
+    table("Tangent stiffness over the initial one", ["load over first wrinkle", "1.10", "1.25", "1.50", "1.75"], rows)
+
+
+def study_collapse() -> None:
+    """Bracket of the load beyond which no equilibrium is found, on coarse meshes: the failing step is halved six times."""
+    cases = (
+        ("cantilever, 24 × 60", "seed_fig5_load", "tip", ["mesh.around=24", "mesh.along=60"], 1.2 * CANTILEVER.collapse_force),
+        ("beam, strap, 24 × 72", "seed_fig4_load", "centre", ["mesh.around=24"], 2.4 * replace(BEAM, strap=0.0).collapse_force),
+        ("arch, ring, 24 × 96", "seed_arch_ring", "crown", [], 2400.0),
+        ("arch, patch, 24 × 96", "seed_arch_patch", "crown", [], 2400.0),
+        ("arch, patch, E t = 5000", "seed_arch_patch_stiff", "crown", [], 2400.0),
+        ("arch, node, 24 × 96", "seed_arch_node", "crown", [], 2400.0),
+    )  # fmt: skip
+    rows = []
+    for name, scene, load, overrides, highest in cases:
+        target = {load: highest}
+        stages = load_scene(SCENES / f"{scene}.toml").stages
+        if "feet" in stages[-1].loads:
+            target["feet"] = highest + stages[0].loads["feet"]
+        steps = 24
+        loads = "{" + ", ".join(f"{key}={value}" for key, value in target.items()) + "}"
+        result = solve(
+            scene, *overrides, f"stages.load.loads={loads}", f"stages.load.steps={steps}", "solver.max_cuts=4",
+            "solver.max_iterations=500",
+        )  # fmt: skip
+        last = result.steps[-1]
+        top = last.loads[load] + (0.0 if result.converged else highest / steps / 2**last.cuts)
+        sink = -loaded(result)[-1].probes["deflection"]
+        rows.append(
+            [name, f"{last.loads[load]:.4g}", "none found" if result.converged else f"{top:.4g}", f"{sink:.3g}"]
+        )
+    head = ["", "last equilibrium, N", "none found at, N", "deflection at the last full step"]
+    table("Collapse under load control", head, rows)
+
+
+STUDIES: dict[str, Callable[[], None]] = {
+    "references": study_references,
+    "table1": study_table1,
+    "cantilever": study_cantilever,
+    "beam": study_beam,
+    "arch": study_arch,
+    "stiffness": study_stiffness,
+    "collapse": study_collapse,
+}
+
+if __name__ == "__main__":
+    for chosen in sys.argv[1:] or STUDIES:
+        if chosen not in STUDIES:
+            sys.exit(f"no study {chosen!r}; there are {', '.join(STUDIES)}")
+        STUDIES[chosen]()

@@ -26,13 +26,13 @@ folder, log, behaviour = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), s
 with log.open("a") as file:
     file.write(f"{os.getpid()}\\n")
 if behaviour == "refuse":
-    print("error: no such thing", file=sys.stderr)
+    print("error: cache", os.environ["TI_OFFLINE_CACHE"], file=sys.stderr)
     sys.exit(2)
 if behaviour == "crash":
     print("Traceback", "boom", sep="\\n", file=sys.stderr)
     sys.exit(1)
 if behaviour == "hang":
-    time.sleep(60)
+    time.sleep(20)
 fails = behaviour == "fail"
 step = {"stage": "large", "stage_step": 4, "probes": {"radius": 7.0, "volume": None}, "residual": 1e-8, "iterations": 5,
         "converged": not fails, "reason": "iteration limit" if fails else "residual"}
@@ -90,7 +90,7 @@ def test_every_end_of_a_process_is_told(tmp_path: Path, stand_in: Callable[..., 
     stand_in("fail", "refuse", "crash", "hang")
     runs = run_all(sphere_plan(), tmp_path / "out", budget=1.0)
     assert [run.status for run in runs] == ["not converged", "refused", "crashed", "over budget"]
-    told = ["large 4: iteration limit", "error: no such thing", "exit code 1: boom", "ended after 1 s"]
+    told = ["large 4: iteration limit", "error: cache 0", "exit code 1: boom", "ended after 1 s"]
     assert [run.reason for run in runs] == told
     assert [run.probes for run in runs] == [{}] * 4
     assert runs[0].iterations == 10
@@ -118,6 +118,9 @@ def test_interrupting_leaves_no_process_behind(tmp_path: Path, stand_in: Callabl
 
     with pytest.raises(KeyboardInterrupt):
         run_all(sphere_plan(), tmp_path / "out", jobs=2, told=interrupt)
+    assert (
+        len(list((tmp_path / "out" / runner.RUNS).glob("*/summary.json"))) == 1
+    )  # the others were ended, not waited for
     for process in stand_in():
         with pytest.raises(ProcessLookupError):
             os.kill(int(process), 0)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from taichi_membrane.study.plan import Plan
     from taichi_membrane.study.runner import Run
 
 _NOT_CONVERGED = 3  # the exit code, as of the command ``run``
@@ -50,10 +52,8 @@ def study(
     study.png. Exit code: 0 all runs converged, 2 bad input (found before anything runs), 3 a run gave no result.
     """
     from taichi_membrane.scene.file import resolve_scene
-    from taichi_membrane.study.analyse import analyse
     from taichi_membrane.study.plan import build_plan
     from taichi_membrane.study.runner import check_folder, run_all
-    from taichi_membrane.study.tables import convergence_text, title, write_tables
 
     path = resolve_scene(scene)
     plan = build_plan(path, vary, fixed=overrides or (), probes=probe or (), at=at, reference=reference)
@@ -67,16 +67,23 @@ def study(
         typer.echo(f"[{ended}/{total}] {run.case.label}: {_verdict(run, reused=reused)}", err=True)
 
     runs = run_all(plan, directory, jobs=jobs, budget=budget, told=told)
+    _report(plan, runs, directory)
+    if any(run.status != "converged" for run in runs):
+        raise typer.Exit(_NOT_CONVERGED)
+
+
+def _report(plan: Plan, runs: Sequence[Run], directory: Path) -> None:
+    """Write tables and figure; print references and orders."""
+    from taichi_membrane.study.analyse import analyse
+    from taichi_membrane.study.figure import draw_study
+    from taichi_membrane.study.tables import convergence_text, title, write_tables
+
     found = analyse(plan, runs)
     files = write_tables(found, directory)
-    from taichi_membrane.study.figure import draw_study  # matplotlib: only now, so that the runs have the memory
-
     draw_study(found, directory / "study.png")
     for item in found.convergences:
         typer.echo(f"{title(item, plan.unit(item.probe))}: {convergence_text(item)}")
     typer.echo(f"wrote {directory}: {', '.join(file.name for file in [*files, directory / 'study.png'])}")
-    if any(run.status != "converged" for run in runs):
-        raise typer.Exit(_NOT_CONVERGED)
 
 
 def _verdict(run: Run, *, reused: bool) -> str:

@@ -9,7 +9,6 @@ import typer
 from taichi_membrane.verification import catalogue, report
 from taichi_membrane.verification.case import CaseResult, run_case
 
-
 CASE_FAILS = 1  # the exit code of a failing check too
 
 
@@ -30,7 +29,10 @@ def verify(full: bool, out: Path, only: list[str]) -> int:
     for path in report.write(results, out):
         typer.echo(f"wrote {path}", err=True)
     failed = [result.case.name for result in results if not result.passed]
-    typer.echo(f"{len(results) - len(failed)} of {len(results)} cases passed" + (f"; failed: {', '.join(failed)}" if failed else ""))
+    typer.echo(
+        f"{len(results) - len(failed)} of {len(results)} cases passed"
+        + (f"; failed: {', '.join(failed)}" if failed else "")
+    )
     return CASE_FAILS if failed else 0
 
 
@@ -39,6 +41,8 @@ def _print(result: CaseResult) -> None:
     for one in result.quantities:
         _, name, ours, reference, error, allowed, order, *_ = report.line(result, one)
         verdict = "" if one.passed else "  FAILS"
-        typer.echo(f"  {name:<36} {ours:>12}  ref. {reference:>12}  {error:>10} of {allowed:<6}  order {order}{verdict}")
+        typer.echo(
+            f"  {name:<36} {ours:>12}  ref. {reference:>12}  {error:>10} of {allowed:<6}  order {order}{verdict}"
+        )
     if result.failure:
         typer.echo(f"  FAILS: {result.failure}")

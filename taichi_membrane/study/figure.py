@@ -181,7 +181,9 @@ def _log_axis(axes: Axes, name: Literal["x", "y"], values: Iterable[float | None
     logs = [math.log10(value) for value in values if value]
     if not logs:
         (axes.set_xticks if name == "x" else axes.set_yticks)([])
-        axes.text(0.5, 0.5, "no run to show", transform=axes.transAxes, ha="center", color=GREY, fontsize=FONT["small"])
+        axes.text(
+            0.5, 0.5, "no error to show", transform=axes.transAxes, ha="center", color=GREY, fontsize=FONT["small"]
+        )
         return
     room = max(_MARGIN, 0.5 * (0.8 - (max(logs) - min(logs))))
     low, high = min(logs) - room, max(logs) + room

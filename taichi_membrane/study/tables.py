@@ -153,7 +153,7 @@ def _markdown(study: Study) -> str:
     parts += [
         "Errors are relative: *error* against the reference, *iteration* against the most exact run on the same mesh, "
         "*discretisation* of that run against the reference. A star marks the Pareto front of error and set-up + solve time. "
-        "*Compile* has the start of Taichi in it and is short where Taichi's cache on disk is warm.",
+        "*Compile* has the start of Taichi in it; Taichi's cache on disk is off, so that every run compiles everything.",
     ]
     jobs = max(run.jobs for run in study.runs)
     if jobs > 1:

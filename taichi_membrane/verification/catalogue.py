@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.verification import pressure, wrinkling
+from taichi_membrane.verification import films, pressure, tubes, wrinkling
 from taichi_membrane.verification.case import Case
 
 # Functions, because a case computes its references when it is made.
@@ -18,6 +18,12 @@ CASES: dict[str, Callable[[], Case]] = {
     "airbag": pressure.airbag,
     "strip": wrinkling.strip,
     "annulus": wrinkling.annulus,
+    "off_axis": tubes.off_axis,
+    "cantilever": tubes.cantilever,
+    "torsion": tubes.torsion,
+    "catenoid": films.catenoid,
+    "scherk": films.scherk,
+    "hypar": films.hypar,
 }
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import optimize
+from numpy.typing import NDArray
+from scipy import optimize, special
 
 
 def sphere_stretch(pressure: float, radius: float, stiffness: float, nu: float) -> float:
@@ -23,14 +24,14 @@ def cylinder_stretches(pressure: float, radius: float, stiffness: float, nu: flo
     These are N_t = p r and N_x = p r/2 of the deformed cylinder, written per width at rest.
     """
 
-    def miss(stretch: tuple[float, float]) -> tuple[float, float]:
+    def miss(stretch: NDArray[np.float64], /) -> list[float]:
         hoop, axial = stretch
         hoop_strain, axial_strain = 0.5 * (hoop**2 - 1.0), 0.5 * (axial**2 - 1.0)
         stiff = stiffness / (1.0 - nu**2)
-        return (
+        return [
             stiff * (hoop_strain + nu * axial_strain) / (pressure * radius) - axial,
             axial * stiff * (axial_strain + nu * hoop_strain) / (pressure * radius) - 0.5 * hoop**2,
-        )
+        ]
 
     hoop, axial = optimize.fsolve(miss, (1.0, 1.0), xtol=1e-13)
     return float(hoop), float(axial)
@@ -81,8 +82,8 @@ def mylar_balloon() -> tuple[float, float, float]:
 def wrinkled_strip(curvature: float, middle_strain: float, prestress: float, stiffness: float) -> tuple[float, float]:
     """Axial force and moment of a strip of unit height with equal prestress both ways, bent and stretched (Stein, Hedgepeth 1961).
 
-    With E t = ``stiffness`` the axial resultant is N = N₀ + E t (ε + κ (y - ½)) where that is positive and zero in the wrinkled band
-    below, at y < b; strains count from the prestressed state.
+    With E t = ``stiffness`` the axial resultant is N = N₀ + E t (ε + κ (y - ½)) where that is positive, and zero in the
+    wrinkled band below, at y < b; strains count from the prestressed state.
     """
     lower = prestress + stiffness * (middle_strain - 0.5 * curvature)
     if lower >= 0.0:
@@ -97,8 +98,8 @@ def off_axis_strain(
 ) -> tuple[float, float, float]:
     """Axial, hoop and shear strain of an orthotropic tube wall, warp turned by ``angle`` radians from the axis towards the hoop.
 
-    The resultants are turned into the fabric's axes, the compliance applied (``warp``, ``weft``, ``shear``: modulus times thickness),
-    and the strains turned back; linear.
+    The resultants are turned into the fabric's axes, the compliance applied, and the strains turned back; linear. ``warp``,
+    ``weft`` and ``shear`` are moduli times thickness.
     """
     c, s = math.cos(angle), math.sin(angle)
     first, second, shear_force = axial * c * c + hoop * s * s, axial * s * s + hoop * c * c, (hoop - axial) * s * c
@@ -128,3 +129,18 @@ def catenoid_neck(ratio: float) -> float:
     # The stable one is the wider: c above that of the tangent from the origin to the hyperbolic cosine.
     tangent = float(optimize.brentq(lambda x: x * math.tanh(x) - 1.0, 1.0, 1.5))
     return float(optimize.brentq(lambda c: c * math.cosh(ratio / c) - 1.0, ratio / tangent, 1.0, xtol=1e-14))
+
+
+def scherk_area(half: float) -> float:
+    """Area of Scherk's surface z = ln(cos x/cos y) over |x|, |y| ≤ ``half``: the integral of √(1 + tan² x + tan² y)."""
+    x, weight = np.polynomial.legendre.leggauss(40)
+    square = np.tan(half * x) ** 2
+    return float(half**2 * weight @ np.sqrt(1.0 + square[:, None] + square[None, :]) @ weight)
+
+
+def tetrahedral_film_area() -> float:
+    """Area of the minimal surface in the skew quadrilateral with corners (±1, ±1, z = x y), a patch of Schwarz' D surface.
+
+    4 K(√3/2)/K(1/2), with complete elliptic integrals of the first kind and their modulus (Schwarz 1890).
+    """
+    return float(4.0 * special.ellipk(0.75) / special.ellipk(0.25))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import interpolate
 
 from taichi_membrane import shapes
 from taichi_membrane.mesh import Mesh
@@ -93,8 +94,10 @@ def scherk() -> Case:
         sizes=(8, 16, 32),
         more_sizes=(64,),
         quantities=(
-            Quantity(name="height at (0.5, 0)", reference=math.log(math.cos(0.5)), source="Scherk's surface", bound=0.005),
-            Quantity(name="area", reference=5.69751221, source="quadrature of Scherk's surface", bound=0.005),
+            Quantity(
+                name="height at (0.5, 0)", reference=math.log(math.cos(0.5)), source="Scherk's surface", bound=0.005
+            ),
+            Quantity(name="area", reference=closed_forms.scherk_area(1.0), source="Scherk's surface", bound=0.005),
         ),
         run=run,
     )
@@ -102,7 +105,7 @@ def scherk() -> Case:
 
 def hypar() -> Case:
     """The film in a skew quadrilateral of four edges of a tetrahedron, found from the ruled hypar z = x y."""
-    rounds = 4  # each resets the rest shape to the last one found
+    rounds = 3  # each resets the rest shape to the last one found
 
     def run(size: int) -> Outcome:
         mesh = _saddle(size, lambda x, y: x * y)
@@ -112,36 +115,43 @@ def hypar() -> Case:
         place = mesh.points[diagonal[np.argsort(mesh.points[diagonal, 0])]]
         return Outcome(
             values={
-                "height at (0.5, 0.5)": float(np.interp(0.5, place[:, 0], place[:, 2])),
+                "height at (0.5, 0.5)": float(interpolate.CubicSpline(place[:, 0], place[:, 2])(0.5)),
                 "area": _area(mesh, mesh.points),
             }
         )
 
-    source = "Schwarz' D surface: area 0.6396… × 8"
     return Case(
         name="hypar",
         title="Film in a skew quadrilateral",
-        setting="Straight edges joining (±1, ±1, z = x y), uniform isotropic prestress N₀, E t = 0.1 N₀; the shape is found from the hypar "
-        "by four runs, each prestressing the last shape anew.",
+        setting="Straight edges joining (±1, ±1, z = x y), uniform isotropic prestress N₀, E t = 0.1 N₀; the shape is found from "
+        "the hypar by three runs, each prestressing the last shape anew.",
         size_label="crossed squares along a side",
         sizes=(4, 8, 16),
         more_sizes=(32,),
         quantities=(
-            Quantity(name="height at (0.5, 0.5)", reference=0.22357957, source=source, bound=0.005),
-            Quantity(name="area", reference=5.11704628, source=source, bound=0.005),
+            Quantity(
+                name="height at (0.5, 0.5)",
+                reference=0.22357957,
+                source="finite elements of the minimal-surface problem, extrapolated",
+                bound=0.005,
+                resolution=1e-4,  # the runs stop this near to the fixed point
+            ),
+            Quantity(
+                name="area", reference=closed_forms.tetrahedral_film_area(), source="Schwarz' D surface", bound=0.005
+            ),
         ),
         run=run,
     )
 
 
-def _saddle(size: int, height) -> Mesh:
+def _saddle(size: int, height: Callable[[Floats, Floats], Floats]) -> Mesh:
     """A square of side 2 about the origin, raised to the given height."""
     flat = shapes.panel(width=2.0, height=2.0, along_x=size, along_y=size, pattern="crossed")
     x, y = flat.points[:, 0] - 1.0, flat.points[:, 1] - 1.0
     return Mesh.build(np.column_stack((x, y, height(x, y))), flat.triangles, {"rim": flat.node_groups["boundary"]})
 
 
-def _relaxed(mesh: Mesh) -> NDArray[np.float64]:
+def _relaxed(mesh: Mesh) -> Floats:
     """Displacements of the film with its rim held."""
     result = solve(
         {

@@ -54,7 +54,10 @@ def sphere() -> Case:
             Quantity(name="extension, small", reference=stretches[0] - 1.0, source=source, bound=0.005),
             Quantity(name="extension, large", reference=stretches[1] - 1.0, source=source, bound=0.005),
             Quantity(
-                name="stress, large", reference=(stretches[1] ** 2 - 1.0) / (2.0 * (1.0 - nu)), source=source, bound=0.005
+                name="stress, large",
+                reference=(stretches[1] ** 2 - 1.0) / (2.0 * (1.0 - nu)),
+                source=source,
+                bound=0.005,
             ),
         ),
         run=run,
@@ -107,9 +110,7 @@ def cylinder() -> Case:
         hoop, axial = closed_forms.cylinder_stretches(pressure, radius, stiffness, nu)
         for name, value in (("hoop", hoop - 1.0), ("axial", axial - 1.0)):
             quantities.append(Quantity(name=f"{name} extension, {word}", reference=value, source=source, bound=0.005))
-    quantities.append(
-        Quantity(name="hoop stress, large", reference=large * radius * axial, source=source, bound=0.005)
-    )
+    quantities.append(Quantity(name="hoop stress, large", reference=large * radius * axial, source=source, bound=0.005))
     return Case(
         name="cylinder",
         title="Inflated tube with closed ends",
@@ -278,8 +279,8 @@ def mylar() -> Case:
     return Case(
         name="mylar",
         title="Mylar balloon",
-        setting="Two flat discs seamed at the rim, ν = 0.3; Q = p a/(E t) = 1e-7 stands for inextensible discs. A wedge of one disc "
-        "between planes of symmetry, because a full disc scallops along its rim.",
+        setting="Two flat discs seamed at the rim, ν = 0.3; Q = p a/(E t) = 1e-7 stands for inextensible discs. A wedge of one "
+        "disc between planes of symmetry, because a full disc scallops along its rim.",
         size_label="rings",
         sizes=(16, 32, 64),
         more_sizes=(128, 256),

@@ -52,9 +52,22 @@ def line(result: CaseResult, one: QuantityResult) -> list[str]:
 
 def markdown(results: Sequence[CaseResult]) -> str:
     """The table with the settings of the cases, and where each theory ends."""
-    heads = ["case", "quantity", "ours", "reference", "error", "allowed", "order (expected)", "source", "time", "passed"]
+    heads = [
+        "case",
+        "quantity",
+        "ours",
+        "reference",
+        "error",
+        "allowed",
+        "order (expected)",
+        "source",
+        "time",
+        "passed",
+    ]
     rows = [heads, ["---"] * len(heads)]
-    rows += [line(result, one) for result in results for one in result.quantities]
+    rows += [
+        [cell.replace("|", "\\|") for cell in line(result, one)] for result in results for one in result.quantities
+    ]
     parts = ["# Verification\n", *("| " + " | ".join(row) + " |" for row in rows), ""]
     parts.append(
         "Ours: finest mesh. Error: relative to the reference. Order: slope of error against mesh size over all meshes. "
@@ -113,7 +126,9 @@ def draw(results: Sequence[CaseResult], path: Path) -> None:
 
 
 def _has(result: CaseResult, kind: str) -> bool:
-    return bool(result.quantities) and (kind == "error" or (result.case.curve is not None and result.points is not None))
+    return bool(result.quantities) and (
+        kind == "error" or (result.case.curve is not None and result.points is not None)
+    )
 
 
 def _draw_errors(axes: Axes, result: CaseResult) -> None:
@@ -143,8 +158,17 @@ def _draw_errors(axes: Axes, result: CaseResult) -> None:
 def _draw_points(axes: Axes, result: CaseResult) -> None:
     """The finest mesh's points over the exact curve."""
     curve, points = result.case.curve, result.points
-    assert curve is not None and points is not None
+    assert curve is not None
+    assert points is not None
     axes.plot(curve.x, curve.y, "-", color=GREY, lw=1.6, label=curve.exact)
-    axes.plot(*points, "o", color=COLOURS[0], ms=4.0, mfc="white", mew=1.2, label=f"{result.sizes[-1]} {result.case.size_label}")
+    axes.plot(
+        *points,
+        "o",
+        color=COLOURS[0],
+        ms=4.0,
+        mfc="white",
+        mew=1.2,
+        label=f"{result.sizes[-1]} {result.case.size_label}",
+    )
     axes.set_xlabel(curve.x_label, fontsize=FONT["small"], color=INK)
     axes.set_ylabel(curve.y_label, fontsize=FONT["small"], color=INK)

@@ -1,6 +1,6 @@
 """Exact solutions of problems with rotational symmetry, from ordinary differential equations and shooting.
 
-Stress resultants are those of a tension field: St Venant-Kirchhoff (linear between second Piola-Kirchhoff resultant and Green strain)
+Stress resultants are those of a tension field: St Venant-Kirchhoff (second Piola-Kirchhoff resultants linear in Green's strain)
 while both principal values are tensile, otherwise uniaxial. Lengths and resultants are made dimensionless by the radius and by E t.
 """
 
@@ -39,7 +39,7 @@ def inflated_disc(load: float, nu: float, *, rim: Literal["held", "seam"]) -> In
     """Flat disc under follower pressure ``load`` = p a/(E t), its rim held or, for the half of two seamed discs, free to slide.
 
     With R the radius at rest, r the deformed one and S₁, S₂ the resultants along and around: vertical equilibrium gives
-    R S₁ λ₁ sin β = p r²/2, horizontal equilibrium (R S₁ λ₁ cos β)' = λ₂ S₂ - p r λ₁ sin β. The stretch of the pole is shot at the rim.
+    R S₁ λ₁ sin β = p r²/2, horizontal equilibrium (R S₁ λ₁ cos β)' = λ₂ S₂ - p r λ₁ sin β. The pole's stretch is shot at the rim.
     """
     start = 1e-6
 
