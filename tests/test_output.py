@@ -19,6 +19,7 @@ import pytest
 from run_files import FABRIC, MESH, SCENE, a_result, a_run, a_step, a_writer, same
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.output import atomic
 from taichi_membrane.output import writer as output
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
@@ -206,7 +207,7 @@ def test_an_interrupt_at_any_replacement_leaves_a_readable_run(
         real_replace(source, target)
 
     steps = [a_step(0), a_step(1)]
-    monkeypatch.setattr(output.os, "replace", interrupted)
+    monkeypatch.setattr(atomic.os, "replace", interrupted)
     with contextlib.suppress(KeyboardInterrupt):
         for step in steps:
             writer.write_step(step, {})
@@ -229,10 +230,10 @@ def test_a_kill_leaves_at_most_a_temporary_file_that_the_next_run_removes(tmp_pa
 import os, sys
 from pathlib import Path
 from run_files import a_step, a_writer
-from taichi_membrane.output import writer as output
+from taichi_membrane.output import atomic
 writer = a_writer(Path(sys.argv[1]))
 writer.write_step(a_step(0), {})
-output.os.replace = lambda source, target: os._exit(9)
+atomic.os.replace = lambda source, target: os._exit(9)
 writer.write_step(a_step(1), {})
 """
     tests = Path(__file__).resolve().parent

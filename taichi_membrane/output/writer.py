@@ -12,10 +12,8 @@ import csv
 import io
 import json
 import math
-import os
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
+from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.reader import FABRIC_AXES, FORMAT, FORMAT_VERSION, GROUP, MESH, SUMMARY, is_run
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
@@ -278,21 +277,8 @@ def _remove_stale(directory: Path) -> None:
             path.unlink()
 
 
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name in the same folder to write to; move it to ``path`` when that went well."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def _write_text(path: Path, text: str) -> None:
-    with _replacing(path) as temporary:
+    with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -301,5 +287,5 @@ def _write_vtu(path: Path, mesh: Mesh, point_data: dict[str, NDArray[Any]], cell
 
     cells = {name: [array] for name, array in cell_data.items()}
     content = meshio.Mesh(mesh.points, [("triangle", mesh.triangles)], point_data=point_data, cell_data=cells)
-    with _replacing(path) as temporary:
+    with replacing(path) as temporary:
         content.write(temporary, file_format="vtu")

@@ -14,9 +14,10 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogFormatterSciNotation, LogLocator, NullFormatter, NullLocator
 
+from taichi_membrane.output.atomic import replacing
 from taichi_membrane.pictures.plots import COLOURS, DPI, FONT, GREY, INK
 from taichi_membrane.study.analyse import Convergence, Row, Study
-from taichi_membrane.study.tables import replacing, title
+from taichi_membrane.study.tables import title
 
 _COLOUR = {"hybrid": COLOURS[0], "newton": COLOURS[1], "relaxation": COLOURS[2]}
 _MARKER = {"f64": "o", "f32": "s"}

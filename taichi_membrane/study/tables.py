@@ -5,36 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from taichi_membrane.errors import InputError
+from taichi_membrane.output.atomic import replacing
 from taichi_membrane.study.analyse import Convergence, Row, Study
 from taichi_membrane.study.plan import RUN_DEFAULTS
 from taichi_membrane.study.runner import RUNS, Run
 
 FORMAT, FORMAT_VERSION = "taichi_membrane study", 1
 PHASES = ("setup", "start", "compile", "solve", "output")
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name in the same folder to write to; move it to ``path`` when that went well.
-
-    :raises InputError: it cannot be written.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_tables(study: Study, directory: Path) -> list[Path]:

@@ -43,7 +43,7 @@ def line(result: CaseResult, one: QuantityResult) -> list[str]:
         f"{one.quantity.reference:.6g}",
         f"{100 * one.errors[-1]:+.3f} %",
         f"{100 * one.quantity.bound:g} %",
-        f"{slope} ({'none' if expected is None else f'{expected:g}'})",
+        "none" if expected is None else f"{slope} ({expected:g})",
         one.quantity.source,
         f"{sum(result.seconds):.0f} s",
         "yes" if one.passed else "**no**",
@@ -138,7 +138,7 @@ def _draw_errors(axes: Axes, result: CaseResult) -> None:
     for number, one in enumerate(result.quantities):
         error = np.maximum(np.abs(one.errors), LEAST_ERROR)
         highest = max(highest, float(error[0]))
-        slope = "" if one.slope is None else f", slope {one.slope:.2f}"
+        slope = "" if one.slope is None or one.quantity.order is None else f", slope {one.slope:.2f}"
         axes.loglog(
             sizes,
             error,

@@ -66,8 +66,8 @@ def off_axis() -> Case:
         setting="Orthotropic tube, E_weft/E_warp = 0.5, G/E_warp = 0.05, ν = 0.2, warp at 30 degrees to the axis, "
         "p r/(E_warp t) = 5e-6, ends free to turn under the thrust of lids.",
         size_label="elements round a quarter",
-        sizes=(4, 8, 16),
-        more_sizes=(32, 64),
+        sizes=(6, 12, 24),
+        more_sizes=(48,),
         quantities=tuple(
             Quantity(name=name, reference=value, source=source, bound=0.005, resolution=linear)
             for name, value in exact.items()
