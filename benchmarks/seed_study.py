@@ -1,4 +1,4 @@
-"""The seed paper's beams and arch: closed forms, and the tables of docs/seed.md.
+"""The tables of docs/seed.md: the seed paper's beams and arch beside the closed forms of seed_theory.py.
 
     python benchmarks/seed_study.py [references table1 cantilever beam arch stiffness collapse]
 
@@ -11,126 +11,34 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from seed_theory import (
+    ARCH_TUBE,
+    BEAM,
+    CANTILEVER,
+    TABLE1,
+    Tube,
+    arch_first_wrinkle,
+    arch_flexibility,
+    arch_mechanism,
+)
 
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.file import load_scene
 from taichi_membrane.simulation.results import RunResult, StepResult
 from taichi_membrane.simulation.run import run
 
-Floats = NDArray[np.float64]
 SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tube:
-    """A closed tube as a cantilever, or as half of a beam on two supports.
-
-    :param length: of the cantilever, or half span [length].
-    :param stiffness: E t [force per length].
-    :param strap: length next to the root over which a centre load is spread on this half; 0 for a load at a point.
-    """
-
-    radius: float
-    length: float
-    stiffness: float
-    poisson: float
-    pressure: float
-    strap: float = 0.0
-
-    def inflated(self) -> Tube:
-        """The tube with its dimensions under pressure, and E t per inflated width and length.
-
-        Resultants per unstressed width: hoop p r λ_hoop λ_axial, axial p r λ_hoop²/2; strains are engineering strains.
-        """
-        hoop = axial = 1.0
-        for _ in range(100):  # contracts by p r/(E t), at most 0.02 here, each time
-            along = 0.5 * self.pressure * self.radius * hoop**2 / self.stiffness
-            across = self.pressure * self.radius * hoop * axial / self.stiffness
-            hoop, axial = 1.0 + across - self.poisson * along, 1.0 + along - self.poisson * across
-        return replace(
-            self,
-            radius=self.radius * hoop,
-            length=self.length * axial,
-            strap=self.strap * axial,
-            stiffness=self.stiffness * axial / hoop,
-        )
-
-    @property
-    def collapse_moment(self) -> float:
-        """π p r³: the section's whole tension stands at one generator. Wrinkling starts at half of it."""
-        return math.pi * self.pressure * self.radius**3
-
-    @property
-    def collapse_force(self) -> float:
-        """Force at the free end (half the centre load) that exhausts the root section; its lever ends in mid-strap."""
-        return self.collapse_moment / (self.length - 0.5 * self.strap)
-
-    def curvature(self, share: Floats) -> Floats:
-        """Curvature at M = ``share`` · π p r³, share below 1, after Comer and Levy (AIAA J. 1 (1963) 1652).
-
-        With half the slack arc θ and d = sin θ + (π - θ) cos θ: share = (2π - 2θ + sin 2θ)/(4 d), κ = π p/(2 d E t).
-        """
-        slack = np.linspace(0.0, math.pi - 0.02, 40_001)
-        d = np.sin(slack) + (math.pi - slack) * np.cos(slack)
-        moment = (2.0 * (math.pi - slack) + np.sin(2.0 * slack)) / (4.0 * d)
-        wrinkled = np.interp(share, moment, math.pi / (2.0 * d))
-        return np.where(share <= 0.5, share, wrinkled) * self.pressure / self.stiffness
-
-    def deflection(self, force: float) -> float:
-        """Deflection of the end: ∫ κ x dx, and shear over p π r² + G t π r (Fichter 1966; shear coefficient 1/2)."""
-        x = self.length * np.linspace(0.0, 1.0, 4001)
-        inside = np.maximum(x - (self.length - self.strap), 0.0)
-        moment = force * (x - (0.5 * inside**2 / self.strap if self.strap else 0.0))
-        bending = np.trapezoid(self.curvature(moment / self.collapse_moment) * x, x)
-        shear = self.pressure * math.pi * self.radius**2 + math.pi * self.radius * self.stiffness / (
-            2.0 * (1.0 + self.poisson)
-        )
-        return float(bending) + force * (self.length - 0.5 * self.strap) / shear
-
-
-TABLE1 = Tube(radius=150.0, length=1500.0, stiffness=400.0, poisson=0.1, pressure=0.0169)
-CANTILEVER = Tube(radius=25.0, length=400.0, stiffness=400.0, poisson=0.1, pressure=0.035)
-BEAM = replace(CANTILEVER, length=200.0, strap=25.0)
 PRINTED = {
     5: (1.438, 1.436), 10: (2.876, 2.872), 15: (4.313, 4.308), 20: (5.749, 5.744), 25: (7.184, 7.719),
     30: (8.618, 8.608), 35: (10.05, 10.04), 40: (11.48, 11.48), 45: (12.91, 12.91), 50: (14.34, 14.35),
 }  # fmt: skip
-ARCH_RADIUS, ARCH_TUBE = 6.0, Tube(radius=0.4, length=6.0, stiffness=5e5, poisson=0.3, pressure=1e4)
-
-
-def arch_first_wrinkle(feet: str) -> float:
-    """Crown load at which M + H r/2 = π p r³/2 at the crown of a thin, inextensible semicircular arch with thrust H there.
-
-    Pinned: H = P/π, M = P R (1/2 - 1/π). Fixed: H = P (4 - π)/(π² - 8), M = P R/π - H R (1 - 2/π) (energy theorem).
-    """
-    thrust = 1.0 / math.pi if feet == "pinned" else (4.0 - math.pi) / (math.pi**2 - 8.0)
-    moment = ARCH_RADIUS * (0.5 - thrust if feet == "pinned" else 1.0 / math.pi - thrust * (1.0 - 2.0 / math.pi))
-    return 0.5 * ARCH_TUBE.collapse_moment / (moment + 0.5 * thrust * ARCH_TUBE.radius)
-
-
-def arch_mechanism(feet: str) -> float:
-    """Crown load of the hinge mechanism: |M| = (π p r² - thrust) r at crown and haunches, and at the feet where fixed."""
-    big, r = ARCH_RADIUS, ARCH_TUBE.radius
-    tension = ARCH_TUBE.collapse_moment / r
-    if feet == "fixed":  # thrusts P/2 at crown and foot, P/√2 at the haunch
-        return 2.0 * tension * r / ((big + r) / math.sqrt(2.0) - 0.5 * (big - r))
-
-    def excess(load: float) -> float:
-        crown = (0.5 * load * big - tension * r) / (big - r)
-        haunch = (0.5 * load * big + tension * r) / (big + r)
-        return 0.25 * load**2 + crown**2 - haunch**2
-
-    low, high = 2.0 * tension * r / big, 16.0 * tension * r / big
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
-    return low
 
 
 def solve(name: str, *overrides: str, **parts: Any) -> RunResult:
@@ -191,6 +99,11 @@ def study_references() -> None:
     table("Closed forms: straight tubes", head, rows)
     rows = [[feet, f"{arch_first_wrinkle(feet):.1f}", f"{arch_mechanism(feet):.0f}"] for feet in ("pinned", "fixed")]
     table("Closed forms: arch, N", ["feet", "first wrinkle", "hinge mechanism"], rows)
+    bent = [
+        f"{1e6 * arch_flexibility(stiffness):.2f} mm/kN at E t = {1e-3 * stiffness:.0f} N/mm"
+        for stiffness in (5e5, 5e6)
+    ]
+    print(f"\nArch, crown deflection before wrinkling, pinned: {', '.join(bent)}")
 
 
 def study_table1() -> None:
@@ -331,6 +244,12 @@ def study_beam() -> None:
     table("Beam: first wrinkle further than r from the supports, N", ["load", "N"], onsets)
 
 
+def foot_forces(total: float, **others: float) -> str:
+    """A stage's loads as an override: half of ``total`` (upwards) on each foot ring, and others."""
+    forces = {**others, "foot_start": 0.5 * total, "foot_end": 0.5 * total}
+    return "{" + ", ".join(f"{name}={value}" for name, value in forces.items()) + "}"
+
+
 def study_arch() -> None:
     """First wrinkle of the arch by load, fabric, feet and mesh."""
     fixed = {"supports": [{"group": "feet", "hold": "xyz"}]}
@@ -385,7 +304,7 @@ def study_stiffness() -> None:
 
 def study_collapse() -> None:
     """Bracket of the load beyond which no equilibrium is found, on coarse meshes: the failing step is halved six times."""
-    cases = (
+    cases: tuple[tuple[str, str, str, list[str], float], ...] = (
         ("cantilever, 24 × 60", "seed_fig5_load", "tip", ["mesh.around=24", "mesh.along=60"], 1.2 * CANTILEVER.collapse_force),
         ("beam, strap, 24 × 72", "seed_fig4_load", "centre", ["mesh.around=24"], 2.4 * replace(BEAM, strap=0.0).collapse_force),
         ("arch, ring, 24 × 96", "seed_arch_ring", "crown", [], 2400.0),
@@ -395,12 +314,9 @@ def study_collapse() -> None:
     )  # fmt: skip
     rows = []
     for name, scene, load, overrides, highest in cases:
-        target = {load: highest}
-        stages = load_scene(SCENES / f"{scene}.toml").stages
-        if "feet" in stages[-1].loads:
-            target["feet"] = highest + stages[0].loads["feet"]
+        pull = sum(load_scene(SCENES / f"{scene}.toml").stages[0].loads.values())
+        loads = foot_forces(highest + pull, crown=highest) if load == "crown" else f"{{{load}={highest}}}"
         steps = 24
-        loads = "{" + ", ".join(f"{key}={value}" for key, value in target.items()) + "}"
         result = solve(
             scene, *overrides, f"stages.load.loads={loads}", f"stages.load.steps={steps}", "solver.max_cuts=4",
             "solver.max_iterations=500",

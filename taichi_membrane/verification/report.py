@@ -121,7 +121,12 @@ def draw(results: Sequence[CaseResult], path: Path) -> None:
         axes.grid(color="#dfe2e7", lw=0.6)
         axes.set_axisbelow(True)
         (_draw_errors if kind == "error" else _draw_points)(axes, result)
-        axes.legend(fontsize=0.85 * FONT["small"], frameon=False, loc="best")
+        axes.legend(
+            fontsize=0.85 * FONT["small"],
+            frameon=False,
+            loc="lower left" if kind == "error" else "best",
+            handlelength=2.5,
+        )
     figure.savefig(path)
 
 
@@ -134,21 +139,24 @@ def _has(result: CaseResult, kind: str) -> bool:
 def _draw_errors(axes: Axes, result: CaseResult) -> None:
     """Errors on double logarithmic axes, each with its slope, and a line of slope 2 to compare with."""
     sizes = np.array(result.sizes, dtype=float)
-    highest = 0.0
+    highest, lowest = 0.0, 1.0
     for number, one in enumerate(result.quantities):
         error = np.maximum(np.abs(one.errors), LEAST_ERROR)
-        highest = max(highest, float(error[0]))
+        highest, lowest = max(highest, float(error[0])), min(lowest, float(error.min()))
         slope = "" if one.slope is None or one.quantity.order is None else f", slope {one.slope:.2f}"
         axes.loglog(
             sizes,
             error,
             marker=MARKERS[number % len(MARKERS)],
             color=COLOURS[number % len(COLOURS)],
+            mfc="white" if number >= len(COLOURS) else None,  # a second round of the colours
             ms=5.0,
             lw=1.3,
             label=one.quantity.name + slope,
         )
     axes.loglog(sizes, 1.5 * highest * (sizes / sizes[0]) ** -2, "--", color=GREY, lw=1.0, label="slope 2")
+    # Errors fall from the upper left: the lower left corner, with some room made, is the legend's.
+    axes.set_ylim(bottom=lowest * 0.65 ** len(result.quantities))
     axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
     axes.minorticks_off()
     axes.set_xlabel(result.case.size_label, fontsize=FONT["small"], color=INK)
