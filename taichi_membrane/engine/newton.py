@@ -28,6 +28,8 @@ _SHIFT_FACTOR = 10.0
 _DECREASE, _SHORTEST = 1e-4, 1 / 64
 # Energies agree to this share when round-off alone separates them; the residual then decides.
 _ENERGY_NOISE = 1e-13
+# A diagonal entry below this share of the largest is no stiffness at all (a flat sheet across its plane, a slack node).
+_ZERO_DIAGONAL = 1e-14
 # Away from an unstable equilibrium: the first push, as a share of the shortest side, and how exactly its direction is found.
 _FIRST_PUSH, _INVERSE_ITERATIONS = 1e-3, 12
 
@@ -52,6 +54,9 @@ def factorise(pattern: Pattern, values: Floats, diagonal: Floats | None = None) 
     full = lower + sparse.tril(lower, -1).T
     if diagonal is not None:
         full = full + sparse.diags(diagonal)
+    pivots = np.abs(full.diagonal())
+    if pivots.min(initial=np.inf) <= _ZERO_DIAGONAL * pivots.max(initial=0.0):
+        return None  # a node without stiffness; SuperLU would find out, but only after filling the whole matrix
     try:
         factor = linalg.splu(
             full.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}

@@ -110,6 +110,14 @@ def build_mesh(scene: Scene, base: Path | None = None) -> Mesh:
         if source.shape == "given":
             raise InputError("mesh.shape = 'given' needs a mesh object: run(scene, mesh=...)")
         mesh = _SHAPES[source.shape](**arguments)
+    return with_scene_groups(scene, mesh)
+
+
+def with_scene_groups(scene: Scene, mesh: Mesh) -> Mesh:
+    """The mesh with the groups that the scene chooses by coordinates.
+
+    :raises InputError: a condition that cannot be read or that nothing meets; a name that is taken.
+    """
     chosen: dict[str, dict[str, Ints]] = {"nodes": {}, "elements": {}}
     for name, group in scene.groups.items():
         chosen[group.kind][name] = meshes.select(mesh, group.where, kind=group.kind, key=f"groups.{name}.where")

@@ -46,11 +46,11 @@ def run(
     """
     observer = observer or Silent()
     clock = Clock(observer)
-    from taichi_membrane.simulation.model import build_mesh, build_model
+    from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
     from taichi_membrane.simulation.results import RunResult
 
     with clock.phase("setup", "reading the mesh"):
-        mesh = build_mesh(scene, base) if mesh is None else mesh
+        mesh = build_mesh(scene, base) if mesh is None else with_scene_groups(scene, mesh)
         model = build_model(scene, mesh)
     with clock.phase("start", "starting Taichi"):
         from taichi_membrane.engine import runtime
