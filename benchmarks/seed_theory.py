@@ -113,11 +113,21 @@ def arch_mechanism(feet: str) -> float:
     return low
 
 
-def arch_flexibility(stiffness: float) -> float:
+def flattening(stiffness: float) -> float:
+    """Bending stiffness of the arch's tube over π r³ E t when the section may flatten, against the pressure alone.
+
+    Von Kármán's radial displacement a cos 2θ of a ring of constant perimeter moves a fibre by a cos³θ in the plane of bending, so
+    strains it by a cos³θ/R, and takes 3π a²/2 of the area. Least energy over a: 1 - 9 λ/(10 λ + 48), λ = E t r/(p R²).
+    """
+    ratio = stiffness * ARCH_TUBE.radius / (ARCH_TUBE.pressure * ARCH_RADIUS**2)
+    return 1.0 - 9.0 * ratio / (10.0 * ratio + 48.0)
+
+
+def arch_flexibility(stiffness: float, bending_share: float = 1.0) -> float:
     """Crown deflection per crown load before wrinkling, pinned feet, E t = ``stiffness``: unit-load theorem on the thin arch.
 
     Per unit load at the angle φ from the crown, with c = cos φ and s = sin φ: M = R (1 - s)/2 - R c/π, N = c/π + s/2,
-    V = c/2 - s/π; stiffnesses π r³ E t, 2 π r E t and p π r² + G t π r.
+    V = c/2 - s/π; stiffnesses π r³ E t times ``bending_share``, 2 π r E t and p π r² + G t π r.
     """
     angle = np.linspace(0.0, 0.5 * math.pi, 2001)
     c, s = np.cos(angle), np.sin(angle)
@@ -125,7 +135,7 @@ def arch_flexibility(stiffness: float) -> float:
     moment, thrust, shear = big * (0.5 * (1.0 - s) - c / math.pi), c / math.pi + 0.5 * s, 0.5 * c - s / math.pi
     wall = math.pi * r * stiffness / (2.0 * (1.0 + ARCH_TUBE.poisson))
     energy = (
-        moment**2 / (math.pi * r**3 * stiffness)
+        moment**2 / (math.pi * r**3 * stiffness * bending_share)
         + thrust**2 / (2.0 * math.pi * r * stiffness)
         + shear**2 / (ARCH_TUBE.pressure * math.pi * r**2 + wall)
     )

@@ -77,7 +77,7 @@ COARSE_TUBE = ["mesh.around=16", "mesh.along=32"]
 
 @pytest.mark.usefixtures("runtime_cpu")
 def test_table_1_depends_on_the_place_of_the_load() -> None:
-    """Ring load within 2 % of the printed 14.34 mm (measured 0.2 % here); at the cap's pole, r further out, 14 % more by statics."""
+    """Ring load within 2 % of the printed 14.34 mm (measured 0.2 %); at the cap's pole, r further out, 14 % more by statics."""
     ring, pole = (
         -study.solve(
             "seed_table1", "mesh.around=16", "mesh.along=28", "stages.load.steps=1", f"loads.tip.group={group}"
