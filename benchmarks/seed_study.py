@@ -258,7 +258,8 @@ def study_arch() -> None:
     rows = []
     for scene in ("seed_arch_ring", "seed_arch_patch", "seed_arch_node"):
         for modulus in ("5e8", "5e9"):
-            for n, m in ((24, 96), (32, 128)):
+            fine = (scene, modulus) in (("seed_arch_ring", "5e8"), ("seed_arch_patch", "5e9"))
+            for n, m in ((24, 96), (32, 128), (48, 192))[: 3 if fine else 2]:
                 mesh = [f"mesh.around={n}", f"mesh.along={m}", f"fabric.E={modulus}", "stages.load.steps=17"]
                 area = n * ARCH_TUBE.radius**2 * math.sin(2 * math.pi / n) * ARCH_TUBE.pressure
                 mesh.append(f"stages.inflate.loads={foot_forces(-area)}")
