@@ -17,8 +17,9 @@ from test_element import KINDS, Body, joined, moduli_of, orthotropic
 
 from taichi_membrane.engine import element, fabric, preparation
 from taichi_membrane.engine.membrane import Membrane
-from taichi_membrane.engine.preparation import FabricConstants, Structure
+from taichi_membrane.engine.preparation import FabricConstants
 from taichi_membrane.engine.relaxation import Relaxation
+from taichi_membrane.engine.structure import Structure
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene

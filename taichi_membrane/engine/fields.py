@@ -11,7 +11,8 @@ import numpy as np
 import taichi as ti
 
 from taichi_membrane.engine import fabric, preparation, runtime
-from taichi_membrane.engine.preparation import Features, Floats, Structure
+from taichi_membrane.engine.preparation import FabricConstants, Floats
+from taichi_membrane.engine.structure import Features, Structure, variant_of
 
 # Sums run over this many fixed blocks, each added in order: the same bits whatever thread takes which block.
 _CPU_BLOCKS = 128
@@ -29,13 +30,14 @@ class MembraneFields:
         self.features: Features = structure.features()
         self.fp: Any = ti.f64 if active.precision == "f64" else ti.f32
         self.dtype: Any = np.float64 if active.precision == "f64" else np.float32
-        # Single precision resolves a displacement of 10 mm to 5e-7 mm, which a stiff fabric answers with a few percent of its
-        # stress. The part that is rounded off is kept beside it, so that differences of displacements keep all their digits.
+        # Single precision resolves a displacement of 10 mm to 5e-7 mm; a stiff fabric answers that with forces that keep the
+        # cantilever's residual above 1e-5 of its load. The part that is rounded off is kept beside it, so that differences of
+        # displacements keep all their digits.
         self.split_displacement = active.precision == "f32"
         # The leading part is a multiple of this power of two, so that no compiler can see through the split and undo it.
         size = float(np.linalg.norm(np.ptp(structure.mesh.points, axis=0)))
         self.displacement_quantum = 2.0 ** np.floor(np.log2(size * _QUANTUM))
-        self.geometry = preparation.triangle_geometry(structure.mesh, structure.tri_warp)
+        self.geometry = structure.geometry
         self.node_count, self.tri_count = structure.mesh.node_count, structure.mesh.tri_count
         if active.on_cpu:
             self.node_block_length = -(-self.node_count // _CPU_BLOCKS)
@@ -90,7 +92,7 @@ class MembraneFields:
         self.node_held.from_numpy(structure.node_held.astype(np.int32))
         if features.slanted and structure.node_frame is not None:
             self.node_frame.from_numpy(structure.node_frame.astype(dtype))
-        start, corners = preparation.gather_lists(mesh.triangles, mesh.node_count)
+        start, corners = structure.node_corners
         self.node_corner_start.from_numpy(start)
         self.node_corner.from_numpy(corners)
         self.tri_node.from_numpy(np.ascontiguousarray(mesh.triangles))
@@ -144,6 +146,10 @@ class MembraneFields:
         if self.features.pressure != "none":
             self.chamber_pressure.from_numpy(np.asarray(pressures, dtype=self.dtype))
 
+    def pressures(self) -> Floats:
+        """(chamber_count,) present pressures."""
+        return np.zeros(0) if self.features.pressure == "none" else self.chamber_pressure.to_numpy()
+
     def set_loads(self, loads: Floats) -> None:
         """Set the dead nodal forces, (node_count, 3)."""
         if self.features.loads:
@@ -169,9 +175,9 @@ class MembraneFields:
         return np.asarray(0.5 * np.einsum("ij,ij->i", moved.mean(axis=1), area))
 
 
-def _variant_number(features: Features, one: preparation.FabricConstants) -> int:
+def _variant_number(features: Features, one: FabricConstants) -> int:
     """Number of a fabric's element code; an unused fabric may get any."""
-    variant = preparation.variant_of(one)
+    variant = variant_of(one)
     return features.variants.index(variant) if variant in features.variants else 0
 
 

@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import linalg
 
 from taichi_membrane.engine.membrane import Membrane
+from taichi_membrane.engine.multifrontal import Factor, factorise
 from taichi_membrane.engine.preparation import Floats
-from taichi_membrane.engine.relaxation import Progress, Relaxation, SolveRecord
-from taichi_membrane.engine.tangent import Pattern, Tangent
+from taichi_membrane.engine.record import Progress, SolveRecord
+from taichi_membrane.engine.relaxation import Relaxation
+from taichi_membrane.engine.tangent import Tangent
 
 # Shifts are multiples of the fictitious stiffness 2 M, which bounds the true one: a shift of 1 makes any tangent definite.
 _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-8, 2.0
@@ -28,57 +27,23 @@ _SHIFT_FACTOR = 10.0
 _DECREASE, _SHORTEST = 1e-4, 1 / 64
 # Energies agree to this share when round-off alone separates them; the residual then decides.
 _ENERGY_NOISE = 1e-13
-# A diagonal entry below this share of the largest is no stiffness at all (a flat sheet across its plane, a slack node).
-_ZERO_DIAGONAL = 1e-14
 # Away from an unstable equilibrium: the first push, as a share of the shortest side, and how exactly its direction is found.
 _FIRST_PUSH, _INVERSE_ITERATIONS = 1e-3, 12
 
 
-@dataclass(frozen=True)
-class Factor:
-    """A factorised symmetric matrix.
-
-    :param negative: number of negative pivots, by Sylvester's law the number of negative eigenvalues.
-    """
-
-    solve: Callable[[Floats], Floats]
-    negative: int
-
-
-def factorise(pattern: Pattern, values: Floats, diagonal: Floats | None = None) -> Factor | None:
-    """Factorise the matrix with the given lower-triangle values, with ``diagonal`` added; None when it is singular.
-
-    SuperLU in its symmetric mode: minimum degree order of the pattern, diagonal pivots.
-    """
-    lower = sparse.csc_matrix((values, pattern.row, pattern.column_start), shape=(pattern.size, pattern.size))
-    full = lower + sparse.tril(lower, -1).T
-    if diagonal is not None:
-        full = full + sparse.diags(diagonal)
-    pivots = np.abs(full.diagonal())
-    if pivots.min(initial=np.inf) <= _ZERO_DIAGONAL * pivots.max(initial=0.0):
-        return None  # a node without stiffness; SuperLU would find out, but only after filling the whole matrix
-    try:
-        factor = linalg.splu(
-            full.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
-    except RuntimeError:  # SuperLU's word for an exactly singular matrix
-        return None
-    pivots = factor.U.diagonal()
-    if not np.all(np.isfinite(pivots)):
-        return None
-    return Factor(solve=factor.solve, negative=int((pivots < 0.0).sum()))
-
-
 class Newton:
-    """Newton's method for one membrane; shares its fields with a relaxation, whose masses scale the shift."""
+    """Newton's method for one membrane; shares its fields with a relaxation, whose masses scale the shift.
+
+    Forces and steps here are (node_count, 3) in the axes that supports refer to, zero at held components.
+    """
 
     def __init__(self, membrane: Membrane, relaxation: Relaxation) -> None:
         self.membrane = membrane
         self.relaxation = relaxation
         self.tangent = Tangent(membrane)
-        dof = self.tangent.pattern.node_dof
-        self.free: NDArray[np.bool_] = dof >= 0
+        self.free: NDArray[np.bool_] = ~membrane.structure.node_held
         self.shift = 0.0
+        self._kept: tuple[Floats, Floats, Factor] | None = None
 
     def compile(self) -> None:
         """Compile the assembly kernels."""
@@ -103,7 +68,7 @@ class Newton:
         energy = self.membrane.potential_energy(loads)[0]
         residual, reason, iteration = np.inf, "iteration limit", 0
         for iteration in range(max_iterations + 1):
-            force = self.membrane.in_frames(self.membrane.out_of_balance())[self.free]
+            force = self.free_force()
             residual = float(np.linalg.norm(force)) / reference
             if report is not None:
                 report(Progress(iteration=iteration, residual=residual, seconds=time.perf_counter() - started))
@@ -129,20 +94,46 @@ class Newton:
             reason=reason,
             iterations=iteration,
             residual=residual,
-            peaks=0,
             seconds=time.perf_counter() - started,
             method="newton",
         )
 
+    def free_force(self) -> Floats:
+        """(node_count, 3) out-of-balance forces at free components."""
+        return np.where(self.free, self.membrane.in_frames(self.membrane.out_of_balance()), 0.0)
+
+    def at_rest(self) -> Factor | None:
+        """The factorised tangent at the present state, indefinite or not; None where it is singular.
+
+        It is kept, so that a load step that starts from here need not factorise again.
+        """
+        factor = factorise(self.tangent.elimination, self.tangent.assemble(), indefinite=True)
+        self._kept = None if factor is None else (self.membrane.displacement(), self.membrane.pressures(), factor)
+        return factor
+
+    def _factor_at_rest(self, position: Floats) -> Factor | None:
+        """What :meth:`at_rest` kept, where it is still the tangent of this state."""
+        kept, self._kept = self._kept, None
+        if kept is None or not (
+            np.array_equal(kept[0], position) and np.array_equal(kept[1], self.membrane.pressures())
+        ):
+            return None
+        return kept[2]
+
     def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""
-        values = self.tangent.assemble()
-        bound = self._stiffness_bound()
+        at_rest = self._factor_at_rest(position)
+        blocks: Floats | None = None
         while self.shift <= _LARGEST_SHIFT:
-            factor = factorise(self.tangent.pattern, values, self.shift * bound if self.shift > 0.0 else None)
-            if factor is not None and factor.negative == 0:
-                direction = factor.solve(force)
-                found = self._backtrack(position, energy, force, direction, loads)
+            factor: Factor | None
+            if at_rest is not None and self.shift == 0.0:
+                factor = at_rest if at_rest.negative == 0 else None
+            else:
+                blocks = self.tangent.assemble() if blocks is None else blocks
+                shift = self.shift * self._stiffness_bound() if self.shift > 0.0 else None
+                factor = factorise(self.tangent.elimination, blocks, shift)
+            if factor is not None:
+                found = self._backtrack(position, energy, force, factor.solve(force), loads)
                 if found is not None:
                     position, energy, fraction = found
                     self._adapt_shift(fraction)
@@ -159,12 +150,11 @@ class Newton:
         """
         if self.shift == 0.0:
             return None
-        values, bound = self.tangent.assemble(), self._stiffness_bound()
-        nearly = factorise(self.tangent.pattern, values, _SMALLEST_SHIFT * bound)
-        if nearly is None or nearly.negative == 0:
+        blocks, bound = self.tangent.assemble(), self._stiffness_bound()
+        if factorise(self.tangent.elimination, blocks, _SMALLEST_SHIFT * bound) is not None:
             return None
-        mode = self._softest_mode(values, bound)
-        step = self._as_displacement(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
+        mode = self._softest_mode(blocks, bound)
+        step = self.membrane.from_frames(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
         best: tuple[Floats, float] | None = None
         for sign in (1.0, -1.0):
             fraction = _FIRST_PUSH
@@ -179,15 +169,15 @@ class Newton:
         self.membrane.set_displacement(position if best is None else best[0])
         return best
 
-    def _softest_mode(self, values: Floats, bound: Floats) -> Floats:
+    def _softest_mode(self, blocks: Floats, bound: Floats) -> Floats:
         """The mode of lowest (negative) curvature, by inverse iteration at a shift that has just become definite."""
         shift = _SMALLEST_SHIFT
         factor = None
-        while shift <= _LARGEST_SHIFT and (factor is None or factor.negative > 0):
+        while shift <= _LARGEST_SHIFT and factor is None:
             shift *= _SHIFT_FACTOR
-            factor = factorise(self.tangent.pattern, values, shift * bound)
+            factor = factorise(self.tangent.elimination, blocks, shift * bound)
         # A fixed start: runs repeat bit by bit.
-        mode = np.random.default_rng(0).standard_normal(self.tangent.pattern.size)
+        mode = np.where(self.free, np.random.default_rng(0).standard_normal(self.free.shape), 0.0)
         if factor is not None:
             for _ in range(_INVERSE_ITERATIONS):
                 mode = factor.solve(bound * mode)
@@ -195,14 +185,8 @@ class Newton:
         return mode
 
     def _stiffness_bound(self) -> Floats:
-        """Diagonal 2 M over free degrees of freedom, which bounds the tangent."""
-        return 2.0 * np.repeat(self.relaxation.masses(), 3).reshape(-1, 3)[self.free]
-
-    def _as_displacement(self, values: Floats) -> Floats:
-        """Values at the free degrees of freedom as nodal displacements (node_count, 3) in x, y, z."""
-        local = np.zeros(self.free.shape)
-        local[self.free] = values
-        return self.membrane.from_frames(local)
+        """(node_count, 3) diagonal 2 M at free components, which bounds the tangent."""
+        return np.where(self.free, 2.0 * self.relaxation.masses()[:, None], 0.0)
 
     def _adapt_shift(self, fraction: float) -> None:
         """Withdraw the shift after a full step, raise it after a short one."""
@@ -215,10 +199,10 @@ class Newton:
         self, position: Floats, energy: float, force: Floats, direction: Floats, loads: Floats
     ) -> tuple[Floats, float, float] | None:
         """The longest of the fractions 1, ½, ¼ … of a step that lowers the energy by a share of what its slope promises."""
-        slope = float(force @ direction)
+        slope = float(np.vdot(force, direction))
         if not (np.isfinite(slope) and slope > 0.0):
             return None
-        step = self._as_displacement(direction)
+        step = self.membrane.from_frames(direction)
         noise = _ENERGY_NOISE * max(abs(energy), slope)
         fraction = 1.0
         while fraction >= _SHORTEST:

@@ -1,11 +1,11 @@
 """What is computed once, in NumPy and double precision, before anything is uploaded: geometry matrices, fabric constants,
-gather lists, and the features a scene uses."""
+gather lists."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,97 +63,6 @@ class FabricConstants:
             "compliance_warp": s[0, 0], "compliance_cross": s[0, 1], "compliance_weft": s[1, 1],
             "compliance_shear": s[2, 2],
         }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One kind of element code: every variant in use is compiled once, none besides."""
-
-    law: WrinklingLaw
-    green: bool
-    orthotropic: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class Features:
-    """What a scene uses. Each flag decides both a field's allocation and a kernel's branch; nothing else does.
-
-    ``pressure``: ``none``, ``uniform`` (one value on all triangles) or ``by_chamber`` (a chamber number per triangle).
-    ``several_fabrics``: a fabric number per triangle. ``prestress``: a strain offset per fabric. ``loads``: a load vector per node.
-    ``slanted``: held directions other than x, y, z, with a frame per node.
-    """
-
-    variants: tuple[Variant, ...]
-    several_fabrics: bool
-    prestress: bool
-    pressure: Literal["none", "uniform", "by_chamber"]
-    loads: bool
-    slanted: bool
-
-    def describe(self) -> tuple[list[str], list[str]]:
-        """Names of what is compiled in and of what is left out."""
-        laws = {variant.law for variant in self.variants}
-        flags = {
-            "wrinkling (tension field)": "tension_field" in laws,
-            "wrinkling (clipped stress)": "clip" in laws,
-            "orthotropic fabric": any(variant.orthotropic for variant in self.variants),
-            "Green side strain": any(variant.green for variant in self.variants),
-            "several fabrics": self.several_fabrics,
-            "prestress": self.prestress,
-            "follower pressure": self.pressure != "none",
-            "several pressures": self.pressure == "by_chamber",
-            "dead loads": self.loads,
-            "slanted supports": self.slanted,
-        }
-        return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Structure:
-    """A mesh with its fabrics, supports and the surfaces that pressure acts on; all the engine needs to know.
-
-    :param tri_fabric: (tri_count,) number of each triangle's fabric in ``fabrics``.
-    :param tri_warp: (tri_count, 3) warp direction, projected on the element.
-    :param node_held: (node_count, 3) True where a displacement component is held or prescribed.
-    :param node_frame: (node_count, 3, 3) rows are the axes that ``node_held`` refers to at each node; x, y, z when None.
-    :param tri_chamber: (tri_count,) number of the pressure acting on each triangle, -1 for none.
-    :param loads: whether dead nodal loads will be given.
-    """
-
-    mesh: Mesh
-    fabrics: tuple[FabricConstants, ...]
-    tri_fabric: Ints
-    tri_warp: Floats
-    node_held: NDArray[np.bool_]
-    tri_chamber: Ints
-    loads: bool = True
-    node_frame: Floats | None = None
-
-    def features(self) -> Features:
-        """What this structure uses."""
-        used = [self.fabrics[k] for k in np.unique(self.tri_fabric)]
-        variants = tuple(dict.fromkeys(variant_of(fabric) for fabric in used))
-        if np.all(self.tri_chamber < 0):
-            pressure: Literal["none", "uniform", "by_chamber"] = "none"
-        else:
-            pressure = "uniform" if np.all(self.tri_chamber == 0) else "by_chamber"
-        return Features(
-            variants=variants,
-            several_fabrics=len(self.fabrics) > 1,
-            prestress=any(any(fabric.prestress) for fabric in used),
-            pressure=pressure,
-            loads=self.loads,
-            slanted=self.node_frame is not None,
-        )
-
-
-def variant_of(fabric: FabricConstants) -> Variant:
-    """The element code a fabric needs. A linear or clipped law needs no direction search, whatever its moduli."""
-    return Variant(
-        law=fabric.law,
-        green=fabric.side_strain == "green",
-        orthotropic=fabric.law == "tension_field" and not fabric.isotropic,
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,3 +147,18 @@ def fabric_record_columns(fabrics: tuple[FabricConstants, ...]) -> Mapping[str, 
     """Constants of all fabrics, one array per name."""
     records = [fabric.record() for fabric in fabrics]
     return {name: np.array([record[name] for record in records]) for name in records[0]}
+
+
+def edge_parts(triangles: Ints, edges: Ints) -> NDArray[np.int32]:
+    """(edge_count, 2) the one or two triangle sides on each edge, a side being 3·triangle + side; -1 for none."""
+    near, far = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()
+    low, high = np.minimum(near, far).astype(np.int64), np.maximum(near, far)
+    count = int(triangles.max()) + 1
+    number = np.searchsorted(edges[:, 0].astype(np.int64) * count + edges[:, 1], low * count + high)
+    order = np.argsort(number, kind="stable").astype(np.int32)
+    parts = np.full((len(edges), 2), -1, dtype=np.int32)
+    ordered = number[order]
+    first = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+    parts[ordered[first], 0] = order[first]
+    parts[ordered[~first], 1] = order[~first]
+    return parts

@@ -3,15 +3,14 @@
 The structure moves freely (no damping) with time step 1; whenever its kinetic energy passes a peak it is set back to that peak and
 starts again from rest (eqs. 17-22 of the seed paper). Central differences are stable while 4 M ≥ K in the sense of the
 highest eigenvalue. With k the bound of :func:`element.side_stiffness_bound` for each side, K ≤ 2 Σ k at each node, hence
-M = ½ Σ k: the
-seed's eq. 19 with its inequality the right way round, and with the side-to-side coupling that its diagonal sum leaves out.
+M = ½ Σ k: the seed's eq. 19 with its inequality the right way round, and with the side-to-side coupling that its diagonal sum
+leaves out.
 
 Peak search, step back and the test for convergence happen on the device; the host looks at the result now and then.
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import taichi as ti
@@ -19,6 +18,7 @@ import taichi as ti
 from taichi_membrane.engine import runtime
 from taichi_membrane.engine.membrane import Membrane
 from taichi_membrane.engine.preparation import Floats
+from taichi_membrane.engine.record import Progress, SolveRecord
 
 RUNNING, CONVERGED, NOT_FINITE = 0, 1, 2
 
@@ -26,39 +26,11 @@ RUNNING, CONVERGED, NOT_FINITE = 0, 1, 2
 _KINETIC_SHARE = 1e-2
 # The host reads the device's verdict after this many iterations at most (a read costs about one iteration of a small mesh).
 _POLL = 32
-# Masses follow the geometry: refreshed at first every iteration, then at intervals that double while they grow by less than 1 %.
-_LONGEST_REFRESH = 256
+# Masses follow the geometry: refreshed at first every iteration, then at intervals that double while none grows by 1 %.
+_LONGEST_REFRESH, _GROWTH = 256, 1.01
 _SECOND_LEVEL = 256
 # A residual that has not fallen by a tenth in this many iterations has met round-off.
 _STAGNATION, _STAGNATION_FALL = 20_000, 0.9
-
-
-@dataclass(frozen=True, kw_only=True)
-class Progress:
-    """What a solver reports while it works."""
-
-    iteration: int
-    residual: float
-    seconds: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class SolveRecord:
-    """How a solve ended.
-
-    :param reason: ``residual`` when converged, else ``iteration limit``, ``not finite`` or ``stagnated``.
-    :param residual: 2-norm of the out-of-balance forces on free degrees of freedom over the reference load.
-    :param peaks: kinetic-energy peaks passed.
-    :param method: which solver did it, such as ``newton`` or, where several took part, ``newton 60 + relaxation 500 + newton 7``.
-    """
-
-    converged: bool
-    reason: str
-    iterations: int
-    residual: float
-    peaks: int
-    seconds: float
-    method: str
 
 
 @ti.data_oriented
@@ -74,8 +46,8 @@ class Relaxation:
         self.node_force = ti.Vector.field(3, m.fp, shape=m.node_count)
         self.node_mass = ti.field(m.fp, shape=m.node_count)
         control = ti.types.struct(
-            status=ti.i32, peak=ti.i32, peaks=ti.i32, iterations=ti.i32,
-            gain=m.fp, back=m.fp, energy=m.fp, energy_before=m.fp, energy_largest=m.fp, residual=m.fp, mass_growth=m.fp,
+            status=ti.i32, peak=ti.i32, iterations=ti.i32, mass_grew=ti.i32,
+            gain=m.fp, back=m.fp, energy=m.fp, energy_before=m.fp, energy_largest=m.fp, residual=m.fp,
         )  # fmt: skip
         self.control = control.field(shape=())
         if self.two_levels:
@@ -149,7 +121,6 @@ class Relaxation:
                 offset = 0.5 * (c.energy_before - kinetic) / curvature
             c.back = 0.5 - ti.min(ti.max(offset, -0.5), 0.5)
             c.peak = 1
-            c.peaks += 1
             c.energy = 0.0
             c.energy_before = 0.0
         else:
@@ -194,22 +165,16 @@ class Relaxation:
     def _refresh_mass(self, keep_larger: int):
         for t in range(self.membrane.tri_count):
             self.membrane.store_corner_stiffness(t)
-        for block in range(self.membrane.node_block_count):
-            growth = ti.cast(1.0, self.fp)
-            for i in range(self.membrane.first_node(block), self.membrane.first_node(block + 1)):
-                mass = ti.cast(0.0, self.fp)
-                for c in range(self.membrane.node_corner_start[i], self.membrane.node_corner_start[i + 1]):
-                    mass += 0.5 * self.membrane.tri_corner_force[self.membrane.node_corner[c]][0]
-                if keep_larger == 1:
-                    growth = ti.max(growth, mass / self.node_mass[i])
-                    mass = ti.max(mass, self.node_mass[i])
-                self.node_mass[i] = mass
-            self.membrane.block_sum[block][0] = growth
-        largest = ti.cast(1.0, self.fp)
-        ti.loop_config(serialize=True)
-        for block in range(self.membrane.node_block_count):
-            largest = ti.max(largest, self.membrane.block_sum[block][0])
-        self.control[None].mass_growth = largest
+        self.control[None].mass_grew = 0
+        for i in range(self.membrane.node_count):
+            mass = ti.cast(0.0, self.fp)
+            for c in range(self.membrane.node_corner_start[i], self.membrane.node_corner_start[i + 1]):
+                mass += 0.5 * self.membrane.tri_corner_force[self.membrane.node_corner[c]][0]
+            if keep_larger == 1:
+                if mass >= _GROWTH * self.node_mass[i]:
+                    self.control[None].mass_grew = 1  # whoever writes, it is the same number
+                mass = ti.max(mass, self.node_mass[i])
+            self.node_mass[i] = mass
 
     # ---- host
 
@@ -228,8 +193,8 @@ class Relaxation:
         """Forget velocities and energy history."""
         self.node_velocity.fill(0.0)
         self.control[None] = {
-            "status": RUNNING, "peak": 0, "peaks": 0, "iterations": 0, "gain": 0.5, "back": 0.0, "energy": 0.0,
-            "energy_before": 0.0, "energy_largest": 0.0, "residual": 0.0, "mass_growth": 1.0,
+            "status": RUNNING, "peak": 0, "iterations": 0, "mass_grew": 0, "gain": 0.5, "back": 0.0, "energy": 0.0,
+            "energy_before": 0.0, "energy_largest": 0.0, "residual": 0.0,
         }  # fmt: skip
         self._refresh_mass(0)
 
@@ -265,7 +230,7 @@ class Relaxation:
             if state.residual < _STAGNATION_FALL * best:
                 best, best_at = state.residual, done
             if done == next_refresh:
-                interval = min(2 * interval, _LONGEST_REFRESH) if state.mass_growth < 1.01 else max(interval // 2, 1)
+                interval = max(interval // 2, 1) if state.mass_grew else min(2 * interval, _LONGEST_REFRESH)
                 next_refresh = done + interval
         state = self.control[None]
         reason = {RUNNING: "iteration limit", CONVERGED: "residual", NOT_FINITE: "not finite"}[state.status]
@@ -276,7 +241,6 @@ class Relaxation:
             reason=reason,
             iterations=int(state.iterations),
             residual=float(state.residual) if np.isfinite(state.residual) else float("nan"),
-            peaks=int(state.peaks),
             seconds=time.perf_counter() - started,
             method="relaxation",
         )

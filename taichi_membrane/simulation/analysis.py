@@ -12,7 +12,8 @@ from taichi_membrane.engine import runtime
 from taichi_membrane.engine.membrane import ElementState, Membrane
 from taichi_membrane.engine.newton import Newton
 from taichi_membrane.engine.preparation import Floats
-from taichi_membrane.engine.relaxation import Progress, Relaxation, SolveRecord
+from taichi_membrane.engine.record import Progress, SolveRecord
+from taichi_membrane.engine.relaxation import Relaxation
 from taichi_membrane.errors import InputError
 from taichi_membrane.scene import Scene, Stage
 from taichi_membrane.simulation import probes
@@ -57,7 +58,7 @@ class Analysis:
         self.model = model
         self.membrane = Membrane(model.structure)
         self.relaxation = Relaxation(self.membrane)
-        self.kind = _solver_kind(model)
+        self.kind = solver_kind(model)
         self.newton = Newton(self.membrane, self.relaxation) if self.kind != "relaxation" else None
         settings = model.scene.solver
         self.tolerance = settings.tolerance or _DEFAULT_TOLERANCE[runtime.current().precision]
@@ -285,7 +286,7 @@ def _stage_target(before: _LoadState, stage: Stage) -> _LoadState:
     return _LoadState(pressures, {**before.loads, **stage.loads}, {**before.motions, **stage.motions})
 
 
-def _solver_kind(model: Model) -> str:
+def solver_kind(model: Model) -> str:
     """The solver a run uses: the scene's, or relaxation where Newton cannot work and the scene does not insist on it.
 
     :raises InputError: the scene asks for Newton alone in single precision, or with the clipped law, which has no energy.

@@ -13,7 +13,8 @@ from scipy import spatial
 from taichi_membrane import mesh as meshes
 from taichi_membrane import shapes
 from taichi_membrane.engine import preparation
-from taichi_membrane.engine.preparation import FabricConstants, Floats, Ints, Structure
+from taichi_membrane.engine.preparation import FabricConstants, Floats, Ints
+from taichi_membrane.engine.structure import Structure
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Fabric, Load, Rotation, Scene, Translation
@@ -54,7 +55,8 @@ class Model:
 
     :param structure: mesh, fabrics, supports and pressure surfaces.
     :param pressure_names: name of each follower pressure, in the order of the structure's chamber numbers.
-    :param unit_loads: (n, 3) nodal forces of each load at factor 1, and of each fixed pressure at value 1.
+    :param unit_loads: (n, 3) nodal forces of each load at factor 1.
+    :param unit_pressures: (n, 3) nodal forces of each fixed pressure at value 1.
     :param motions: prescribed motions of node groups.
     """
 
@@ -62,13 +64,16 @@ class Model:
     structure: Structure
     pressure_names: tuple[str, ...]
     unit_loads: Mapping[str, Floats]
+    unit_pressures: Mapping[str, Floats]
     motions: Mapping[str, PrescribedMotion]
 
     def nodal_loads(self, pressures: Mapping[str, float], loads: Mapping[str, float]) -> Floats:
         """(n, 3) dead nodal forces at the given load factors and fixed pressures."""
         total = np.zeros((self.structure.mesh.node_count, 3))
         for name, unit in self.unit_loads.items():
-            total += (loads.get(name, 0.0) if name in loads else pressures.get(name, 0.0)) * unit
+            total += loads[name] * unit
+        for name, unit in self.unit_pressures.items():
+            total += pressures[name] * unit
         return total
 
     def moved(self, displacement: Floats, factors: Mapping[str, float]) -> Floats:
@@ -132,11 +137,12 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
     fabrics, tri_fabric = _fabrics(scene, mesh)
     tri_chamber, pressure_names = _chambers(scene, mesh)
     unit_loads = {name: _unit_load(load, mesh, f"loads.{name}") for name, load in scene.loads.items()}
+    unit_pressures = {}
     for name, pressure in scene.pressures.items():
         if pressure.kind == "fixed" and _pressure_used(scene, name):
             mask = np.zeros(mesh.tri_count)
             mask[group_triangles(mesh, pressure.group, f"pressures.{name}.group")] = 1.0
-            unit_loads[name] = preparation.nodal_pressure(mesh, mask)
+            unit_pressures[name] = preparation.nodal_pressure(mesh, mask)
     held, frame = _held(scene, mesh)
     motions = _motions(scene, mesh, held, frame)
     left = meshes.rigid_motions_left(mesh, held, frame)
@@ -150,10 +156,15 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
         node_held=held,
         node_frame=frame,
         tri_chamber=tri_chamber,
-        loads=bool(unit_loads),
+        loads=bool(unit_loads or unit_pressures),
     )
     return Model(
-        scene=scene, structure=structure, pressure_names=pressure_names, unit_loads=unit_loads, motions=motions
+        scene=scene,
+        structure=structure,
+        pressure_names=pressure_names,
+        unit_loads=unit_loads,
+        unit_pressures=unit_pressures,
+        motions=motions,
     )
 
 

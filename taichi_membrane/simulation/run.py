@@ -59,8 +59,10 @@ def run(
         from taichi_membrane.simulation import analysis, probes
     probes.validate(model)
     with clock.phase("setup"):
-        work = analysis.Analysis(model)
+        model.structure.prepare(matrix=analysis.solver_kind(model) != "relaxation")
     with clock.phase("compile", "compiling kernels"):
+        # Uploads compile a kernel for every type of field, so they belong here too.
+        work = analysis.Analysis(model)
         work.compile()
     provenance = _provenance(model, active)
     writer = _writer(out, model, provenance)

@@ -1,0 +1,118 @@
+"""The direct solver against dense linear algebra: solutions, inertia, refusals, and what the order of elimination promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from taichi_membrane import shapes
+from taichi_membrane.engine.multifrontal import Elimination, eliminate, factorise
+from taichi_membrane.mesh import Mesh
+
+
+def random_system(mesh: Mesh, seed: int) -> tuple[Elimination, np.ndarray, np.ndarray]:
+    """A symmetric matrix of random 3×3 blocks on a mesh's graph: symbolic factorisation, blocks, and the dense matrix."""
+    rng = np.random.default_rng(seed)
+    elimination = eliminate(mesh.points, mesh.edges())
+    blocks = np.empty((elimination.block_count, 3, 3))
+    diagonal = rng.normal(size=(mesh.node_count, 3, 3))
+    blocks[elimination.node_block] = diagonal + diagonal.transpose(0, 2, 1)
+    blocks[elimination.edge_block] = rng.normal(size=(len(elimination.edge_node), 3, 3))
+    full = np.zeros((mesh.node_count, 3, mesh.node_count, 3))
+    nodes = np.arange(mesh.node_count)
+    full[nodes, :, nodes, :] = blocks[elimination.node_block]
+    column, row = elimination.edge_node.T
+    full[row, :, column, :] = blocks[elimination.edge_block]
+    full[column, :, row, :] = blocks[elimination.edge_block].transpose(0, 2, 1)
+    return elimination, blocks, full.reshape(3 * mesh.node_count, -1)
+
+
+def two_bodies() -> Mesh:
+    """Two spheres that do not touch, numbered alternately."""
+    one = shapes.sphere(radius=1.0, divisions=2)
+    points = np.concatenate([one.points, one.points + np.array([5.0, 0.0, 0.0])])
+    shuffled = np.random.default_rng(3).permutation(len(points))
+    place = np.argsort(shuffled)
+    return Mesh.build(points[shuffled], place[np.concatenate([one.triangles, one.triangles + one.node_count])])
+
+
+MESHES = {
+    "tube": shapes.tube(radius=1.0, length=6.0, around=14, along=18),
+    "disc": shapes.disc(radius=1.0, rings=9),
+    "one triangle": Mesh.build(np.eye(3), [[0, 1, 2]]),
+    "two bodies": two_bodies(),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("definite", [True, False])
+def test_solutions_and_inertia_are_those_of_dense_algebra(name: str, definite: bool) -> None:
+    """Random blocks are indefinite; a large enough diagonal makes them definite. Seeds 0 to 2."""
+    mesh = MESHES[name]
+    for seed in range(3):
+        elimination, blocks, full = random_system(mesh, seed)
+        eigenvalues = np.linalg.eigvalsh(full)
+        shift = np.full((mesh.node_count, 3), 1.0 - eigenvalues[0] if definite else 0.3)
+        factor = factorise(elimination, blocks, shift, indefinite=not definite)
+        assert factor is not None
+        shifted = eigenvalues + shift[0, 0]
+        assert factor.negative == (shifted < 0.0).sum()
+        assert (factor.negative == 0) == definite
+        right = np.random.default_rng(seed).normal(size=(mesh.node_count, 3))
+        exact = np.linalg.solve(full + np.diag(shift.ravel()), right.ravel()).reshape(-1, 3)
+        # Pivoting stays within fronts, so an indefinite factor may lose a few digits more than LAPACK's.
+        assert np.abs(factor.solve(right) - exact).max() < (1e-12 if definite else 1e-8) * np.abs(exact).max()
+
+
+def test_what_is_not_definite_is_refused() -> None:
+    """By a hair, and where a row is empty."""
+    mesh = MESHES["disc"]
+    elimination, blocks, full = random_system(mesh, 0)
+    lowest = np.linalg.eigvalsh(full)[0]
+    for above, accepted in ((1e-6, True), (-1e-6, False)):
+        shift = np.full((mesh.node_count, 3), above - lowest)
+        assert (factorise(elimination, blocks, shift) is not None) == accepted
+    flat = blocks * 0.0
+    flat[elimination.node_block] = np.diag([1.0, 1.0, 0.0])  # nothing resists motion along z
+    assert factorise(elimination, flat) is None
+    assert factorise(elimination, flat, indefinite=True) is None
+
+
+def test_a_pivot_of_round_off_is_singular() -> None:
+    """A free triangle chain: each front's last pivot is what cancellation leaves, not a stiffness."""
+    mesh = MESHES["tube"]
+    elimination = eliminate(mesh.points, mesh.edges())
+    blocks = np.zeros((elimination.block_count, 3, 3))
+    blocks[elimination.edge_block] = -np.eye(3)
+    degree = np.bincount(mesh.edges().ravel(), minlength=mesh.node_count)
+    blocks[elimination.node_block] = degree[:, None, None] * np.eye(
+        3
+    )  # the graph's Laplacian: constants have no stiffness
+    assert factorise(elimination, blocks) is None
+    assert factorise(elimination, blocks, np.full((mesh.node_count, 3), 1e-9)) is not None
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_fronts_partition_the_nodes_and_children_come_first(name: str) -> None:
+    """Every node is eliminated once; what a front touches belongs to it or to its ancestors."""
+    elimination = eliminate(MESHES[name].points, MESHES[name].edges())
+    dissection = elimination.dissection
+    assert sorted(dissection.order) == list(range(MESHES[name].node_count))
+    front_of = np.repeat(np.arange(len(dissection.parent)), np.diff(dissection.start))
+    for number, front in enumerate(elimination.fronts):
+        ancestors, at = set(), dissection.parent[number]
+        while at >= 0:
+            assert at > number
+            ancestors.add(at)
+            at = dissection.parent[at]
+        assert set(front_of[front.border]) <= ancestors
+
+
+def test_the_factor_grows_as_n_log_n() -> None:
+    """Nested dissection of a surface: each quadrupling of the nodes adds the same number of entries per node."""
+    per_node = []
+    for divisions in (40, 80, 160):
+        mesh = shapes.panel(width=1.0, height=1.0, along_x=divisions, along_y=divisions)
+        per_node.append(eliminate(mesh.points, mesh.edges()).factor_entries() / mesh.node_count)
+    first, second = np.diff(per_node)
+    assert 0.0 < second < 1.2 * first
