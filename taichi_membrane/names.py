@@ -11,3 +11,6 @@ SideStrain = Literal["engineering", "green"]
 
 TAUT, WRINKLED, SLACK = 0, 1, 2
 STATE_NAMES = ("taut", "wrinkled", "slack")
+
+# How a run ended: all stages done; stopped at the largest stable load; stopped without equilibrium; stopped from outside.
+Outcome = Literal["finished", "collapse", "not converged", "interrupted"]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from taichi_membrane.mesh import Mesh
+from taichi_membrane.names import Outcome
 from taichi_membrane.output.writer import Writer
 from taichi_membrane.scene import Scene
 from taichi_membrane.shapes import panel
@@ -87,6 +88,8 @@ def a_step(number: int, **changes: Any) -> StepResult:
         iterations=12,
         residual=1e-7,
         cuts=0,
+        negative_pivots=number,
+        limit={"load.pull": (1.0 / 3.0, 0.5)} if number else None,
         seconds=0.25,
     )
     return replace(step, **changes)
@@ -101,9 +104,11 @@ def a_result(steps: list[StepResult], directory: Path) -> RunResult:
         probe="tip", stage="load", step=3, value=None, reference=1.0, error=None, tolerance=0.1, relative=True,
         source="bar", passed=False,
     )  # fmt: skip
+    whole = len(steps) == 3
+    outcome: Outcome = "not converged" if not steps[-1].converged else "finished" if whole else "interrupted"
     return RunResult(
         scene=SCENE, mesh=MESH, steps=tuple(steps), checks=(check,), seconds={"compile": 1.0}, provenance={},
-        directory=directory,
+        outcome=outcome, directory=directory,
     )  # fmt: skip
 
 

@@ -66,7 +66,7 @@ def damage(directory: Path, change: str) -> None:
         ("array of another width", "step_0000.vtu: damaged: array 'stress_warp' is (12, 2), but (12,) is expected"),
         ("no mesh", "mesh.vtu: this file of the run is missing"),
         ("foreign", "summary.json: not the summary of a run of this program"),
-        ("newer", "summary.json: format version 99, but this program reads version 1"),
+        ("newer", "summary.json: format version 99, but this program reads version 2"),
         ("no steps", "summary.json: damaged: no list of load steps"),
         ("bad scene", "summary.json: damaged scene: fabric.thickness: -1 must be above 0"),
         ("no number", "summary.json: damaged load step: KeyError: 'number'"),

@@ -1,7 +1,7 @@
 """The command ``taichi-membrane``: run, check and draw scenes; verify the mechanics.
 
 Results go to standard output, progress and errors to standard error. Exit codes: 0 all well, 1 a check of the scene fails, 2 bad
-input, 3 a load step did not converge, 130 interrupted.
+input, 3 a load step did not converge, 4 the structure collapses before its last load, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Modules that take long to import (NumPy, pydantic, rich) are imported by the commands that need them: help is instant.
 
-CHECK_FAILS, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 1, 2, 3, 130
+CHECK_FAILS, BAD_INPUT, NOT_CONVERGED, COLLAPSE, INTERRUPTED = 1, 2, 3, 4, 130
 
 
 class _Commands(TyperGroup):
@@ -101,7 +101,8 @@ def run(
 ) -> None:
     """Solve the load steps of a scene, write and draw them.
 
-    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input, 3 a load step did not converge.
+    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input, 3 a load step did not converge, 4 the
+    structure collapses before its last load.
     """
     from taichi_membrane.commands import report
     from taichi_membrane.commands.progress import ProgressView
@@ -137,7 +138,7 @@ def run(
     else:
         report.print_run(console, result)
     if not result.converged:
-        raise typer.Exit(NOT_CONVERGED)
+        raise typer.Exit(COLLAPSE if result.outcome == "collapse" else NOT_CONVERGED)
     if not result.passed:
         raise typer.Exit(CHECK_FAILS)
 

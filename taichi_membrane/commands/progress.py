@@ -66,7 +66,7 @@ class ProgressView:
     def step_done(self, step: StepResult) -> None:
         """A load step has ended."""
         self.steps.append(step)
-        ended = "" if step.converged else "NOT CONVERGED, "
+        ended = "NOT CONVERGED, " if not step.converged else "" if step.limit is None else "COLLAPSE, "
         share = step.elements.count()["wrinkled"] / len(step.elements.state)
         self._print(
             f"{step.stage} {step.stage_step}/{self._stage_steps[step.stage]}: {ended}{step.iterations} iterations, "

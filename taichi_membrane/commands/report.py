@@ -56,12 +56,14 @@ def print_run(console: Console, result: RunResult) -> None:
 
 
 def print_failed_steps(console: Console, result: RunResult) -> None:
-    """Print each load step that is no equilibrium, and why."""
+    """Print each load step that did not reach its load, and why: collapse, or no equilibrium found."""
     counts = {stage.name: stage.steps for stage in result.scene.stages}
     for step in result.steps:
+        where = f"load step {step.number} ({step.stage} {step.stage_step}/{counts[step.stage]})"
         if not step.converged:
-            where = f"load step {step.number} ({step.stage} {step.stage_step}/{counts[step.stage]})"
             _print_plain(console, f"NOT CONVERGED: {where}: {step.reason}", style="bold red")
+        elif step.limit is not None:
+            _print_plain(console, f"COLLAPSE: {where}: {step.reason.removeprefix('collapse: ')}", style="bold yellow")
 
 
 def print_failed_checks(console: Console, result: RunResult) -> None:
@@ -139,6 +141,7 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
     sizes = [len(step.elements.state) for step in steps]
     slack = [f"{count['slack'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]
     solvers = [step.solver for step in steps]
+    unstable = ["-" if step.negative_pivots is None else str(step.negative_pivots) for step in steps]
     return [
         Column("step", [str(step.number) for step in steps]),
         Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
@@ -151,6 +154,7 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
         Column("slack", slack, rank=_rank(slack)),
         Column("solver", solvers, rank=_rank(solvers)),
         Column("iterations", [str(step.iterations) for step in steps]),
+        Column("unstable modes", unstable, rank=3 if set(unstable) <= {"0", "-"} else 1),
         Column("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
     ]
 

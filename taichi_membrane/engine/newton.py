@@ -43,6 +43,7 @@ class Newton:
         self.tangent = Tangent(membrane)
         self.free: NDArray[np.bool_] = ~membrane.structure.node_held
         self.shift = 0.0
+        self.definite = True
         self._kept: tuple[Floats, Floats, Factor] | None = None
 
     def compile(self) -> None:
@@ -63,7 +64,7 @@ class Newton:
         :param loads: (node_count, 3) dead nodal forces, for the potential energy.
         """
         started = time.perf_counter()
-        self.shift = 0.0
+        self.shift, self.definite = 0.0, True
         position = self.membrane.displacement()
         energy = self.membrane.potential_energy(loads)[0]
         residual, reason, iteration = np.inf, "iteration limit", 0
@@ -96,18 +97,23 @@ class Newton:
             residual=residual,
             seconds=time.perf_counter() - started,
             method="newton",
+            definite=self.definite,
         )
 
     def free_force(self) -> Floats:
         """(node_count, 3) out-of-balance forces at free components."""
         return np.where(self.free, self.membrane.in_frames(self.membrane.out_of_balance()), 0.0)
 
+    def factorised(self, *, indefinite: bool = False) -> Factor | None:
+        """The present tangent, factorised; see :func:`multifrontal.factorise`."""
+        return factorise(self.tangent.elimination, self.tangent.assemble(), indefinite=indefinite)
+
     def at_rest(self) -> Factor | None:
         """The factorised tangent at the present state, indefinite or not; None where it is singular.
 
         It is kept, so that a load step that starts from here need not factorise again.
         """
-        factor = factorise(self.tangent.elimination, self.tangent.assemble(), indefinite=True)
+        factor = self.factorised(indefinite=True)
         self._kept = None if factor is None else (self.membrane.displacement(), self.membrane.pressures(), factor)
         return factor
 
@@ -132,7 +138,9 @@ class Newton:
                 blocks = self.tangent.assemble() if blocks is None else blocks
                 shift = self.shift * self._stiffness_bound() if self.shift > 0.0 else None
                 factor = factorise(self.tangent.elimination, blocks, shift)
-            if factor is not None:
+            if factor is None:
+                self.definite = False
+            else:
                 found = self._backtrack(position, energy, force, factor.solve(force), loads)
                 if found is not None:
                     position, energy, fraction = found

@@ -20,7 +20,7 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import first_problem
 from taichi_membrane.simulation.results import ElementFields, Floats, StepResult
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 1
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 2
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
 FABRIC_AXES = ("warp", "weft", "shear")  # end the names of stress and strain arrays in a step's file
@@ -153,6 +153,10 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
             iterations=int(record["iterations"]),
             residual=_number(record["residual"]),
             cuts=int(record["cuts"]),
+            negative_pivots=None if record["negative_pivots"] is None else int(record["negative_pivots"]),
+            limit=None
+            if record["limit"] is None
+            else {key: (low, high) for key, (low, high) in record["limit"].items()},
             seconds=_number(record["seconds"]),
         )
     except (KeyError, TypeError, AttributeError, ValueError) as error:

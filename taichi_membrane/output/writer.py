@@ -94,14 +94,13 @@ class Writer:
         for step in result.steps[len(self._records) :]:
             self.write_step(step, result.seconds)
         self._write_tables()
-        planned = sum(stage.steps for stage in self._scene.stages)
-        ended = len(result.steps) == planned or not all(step.converged for step in result.steps)
         verdict = {
+            "outcome": result.outcome,
             "converged": result.converged,
             "passed": result.passed,
             "checks": [asdict(check) for check in result.checks],
         }
-        self._write_summary(result.seconds, complete=ended, verdict=verdict)
+        self._write_summary(result.seconds, complete=result.outcome != "interrupted", verdict=verdict)
         return self._files()
 
     def _files(self) -> list[Path]:
@@ -202,6 +201,7 @@ def _columns(scene: Scene) -> list[Column]:
         ("converged", lambda s: s.converged),
         ("reason", lambda s: s.reason),
         ("cuts", lambda s: s.cuts),
+        ("negative_pivots", lambda s: s.negative_pivots),
         ("seconds", lambda s: s.seconds),
     ]
     taken = {header.partition(" ")[0] for header, _ in [*first, *last]}

@@ -110,6 +110,8 @@ def _subtitle(scene: Scene, step: StepResult, count: int) -> str:
     parts += [f"{name} = {v:.4g} {motion_unit(scene, name)}" for name, v in step.motions.items() if v]
     if not step.converged:
         parts.append("NOT CONVERGED: last equilibrium")
+    elif step.limit is not None:
+        parts.append("largest stable load")
     return ", ".join(parts)
 
 

@@ -37,6 +37,7 @@ from taichi_membrane.scene.models import (
 from taichi_membrane.scene.probe import (
     AreaProbe,
     DisplacementProbe,
+    FactorProbe,
     MomentProbe,
     Probe,
     RadiusProbe,
@@ -68,6 +69,7 @@ __all__ = [
     "DiscShape",
     "DisplacementProbe",
     "Fabric",
+    "FactorProbe",
     "GivenMesh",
     "Group",
     "Load",

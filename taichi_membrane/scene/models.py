@@ -15,7 +15,7 @@ from pydantic import Field, field_validator, model_validator
 from taichi_membrane.names import SideStrain, WrinklingLaw
 from taichi_membrane.scene.base import Finite, Model, Name, Positive, Vector
 from taichi_membrane.scene.mesh_source import MeshSource
-from taichi_membrane.scene.probe import Probe
+from taichi_membrane.scene.probe import FactorProbe, Probe
 from taichi_membrane.scene.support import Motion, Support
 
 
@@ -144,7 +144,9 @@ class Load(Model):
 class Stage(Model):
     """A ramp, in ``steps`` equal load steps, from the state before to the given pressures, load and motion factors.
 
-    What is not named keeps its value.
+    What is not named keeps its value. ``until = "collapse"``: the stage is meant to meet its largest stable load on the way; the
+    run then goes on to the next stage from there. ``control = "arc_length"`` follows the equilibrium path in at most ``steps``
+    steps, through limit points, until the stage's values are reached; needs Newton, and no motion that changes.
     """
 
     name: Name
@@ -152,10 +154,27 @@ class Stage(Model):
     pressure: Finite | dict[Name, Finite] | None = None
     loads: dict[Name, Finite] = {}
     motions: dict[Name, Finite] = {}
+    control: Literal["load", "arc_length"] = "load"
+    until: Literal["target", "collapse"] = "target"
+
+    @property
+    def may_end_early(self) -> bool:
+        """Whether the number of load steps done may be below ``steps`` in a run that went well."""
+        return self.control == "arc_length" or self.until == "collapse"
+
+    @model_validator(mode="after")
+    def _arc_length(self) -> Self:
+        if self.control == "arc_length":
+            if self.motions:
+                raise ValueError("control = 'arc_length' follows pressures and loads; leave out motions")
+            if self.until == "collapse":
+                raise ValueError("control = 'arc_length' goes on past collapse; leave out until = 'collapse'")
+        return self
 
 
 class Check(Model):
-    """A probe's value at one load step against a reference; ``step`` counts from 1, or from the stage's end with -1.
+    """A probe's value at one load step against a reference; ``step`` counts from 1, or from the stage's end with -1 (of a stage
+    that may end early, from the last step done).
 
     Give ``tolerance`` (relative to the reference) or ``absolute``. ``source`` says where the reference comes from.
     """
@@ -236,14 +255,17 @@ class Solver(Model):
 
     ``tolerance``: 2-norm of the out-of-balance forces on free degrees of freedom over that of the applied forces, pressure
     included; by default 1e-6 in double precision, 3e-6 in single. ``max_iterations`` limits relaxation per solve. ``max_cuts``:
-    how often a load step that fails is halved. ``kind``: ``newton`` on the relaxed energy, ``relaxation`` (any back end and
-    precision, any law), or ``hybrid``, which lets relaxation take over where Newton does not get on.
+    how often a load step that fails is halved. ``stability``: count the negative eigenvalues of the tangent at every load step
+    (with Newton; it costs a factorisation where the next step changes a pressure). ``kind``: ``newton`` on the relaxed energy,
+    ``relaxation`` (any back end and precision, any law), or ``hybrid``, which lets relaxation take over where Newton does not get
+    on. Where load control finds no equilibrium, both Newton kinds follow the path by arc length to it, or to collapse.
     """
 
     kind: Literal["hybrid", "newton", "relaxation"] = "hybrid"
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
     max_iterations: Annotated[int, Field(ge=1)] = 200_000
     max_cuts: Annotated[int, Field(ge=0, le=20)] = 4
+    stability: bool = True
 
 
 class Scene(Model):
@@ -274,6 +296,8 @@ class Scene(Model):
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
         for stage in self.stages:
+            if stage.control == "arc_length" and self.solver.kind == "relaxation":
+                raise ValueError(f"stages.{stage.name}.control = 'arc_length' needs solver.kind 'hybrid' or 'newton'")
             for load in stage.loads:
                 _known(load, self.loads, f"stages.{stage.name}.loads", "a load")
             for motion in stage.motions:
@@ -298,6 +322,15 @@ class Scene(Model):
             _known(self.curve.y, allowed, "curve.y", "a quantity")
             if self.curve.stage is not None:
                 _known(self.curve.stage, names, "curve.stage", "a stage")
+        for name, probe in self.probes.items():
+            if isinstance(probe, FactorProbe):
+                factors = [f"load.{one}" for one in self.loads] + [f"motion.{one}" for one in self.motions]
+                _known(
+                    probe.of,
+                    [*factors, *(f"pressure.{one}" for one in self.pressures)],
+                    f"probes.{name}.of",
+                    "a factor",
+                )
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self

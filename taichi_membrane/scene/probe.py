@@ -66,6 +66,14 @@ class StressProbe(Model):
     reduce: Literal["max", "min", "mean"] = "max"
 
 
+class FactorProbe(Model):
+    """Value of a load's, motion's or pressure's factor, such as ``load.tip``: what a run that stops at collapse, or follows the
+    equilibrium path, found."""
+
+    kind: Literal["factor"]
+    of: Annotated[str, Field(pattern=r"^(load|motion|pressure)\.\w+$")]
+
+
 class AreaProbe(Model):
     """Share (0 to 1) of an element group's area that is in a state."""
 
@@ -82,6 +90,7 @@ Probe = Annotated[
     | RadiusProbe
     | VolumeProbe
     | StressProbe
+    | FactorProbe
     | AreaProbe,
     Field(discriminator="kind"),
 ]

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 
-from taichi_membrane.scene import Scene, Translation
+from taichi_membrane.scene import FactorProbe, Scene, Translation
 
 
 def probe_unit(scene: Scene, name: str) -> str:
     """Unit of a probe; empty for a share."""
-    units = scene.units
+    units, probe = scene.units, scene.probes[name]
+    if isinstance(probe, FactorProbe):
+        kind, _, factor = probe.of.partition(".")
+        if kind == "pressure":
+            return units.stress
+        return load_unit(scene, factor) if kind == "load" else motion_unit(scene, factor)
     return {
         "displacement": units.length,
         "radius": units.length,
@@ -19,7 +24,7 @@ def probe_unit(scene: Scene, name: str) -> str:
         "volume": units.volume,
         "stress": units.stress,
         "area_share": "",
-    }[scene.probes[name].kind]
+    }[probe.kind]
 
 
 def load_unit(scene: Scene, name: str) -> str:

@@ -10,6 +10,7 @@ from taichi_membrane import scene as scenes
 from taichi_membrane.engine.preparation import Floats, Ints
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
+from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import Model, group_nodes, group_triangles
 from taichi_membrane.simulation.results import CheckResult, ElementFields, StepResult
 
@@ -24,12 +25,12 @@ def validate(model: Model) -> None:
         key = f"probes.{name}.group"
         if isinstance(probe, scenes.StressProbe | scenes.AreaProbe):
             group_triangles(mesh, probe.group, key)
-        elif not isinstance(probe, scenes.VolumeProbe):
+        elif not isinstance(probe, scenes.VolumeProbe | scenes.FactorProbe):
             group_nodes(mesh, probe.group, key)
 
 
 def evaluate(
-    model: Model, displacement: Floats, reaction: Floats, elements: ElementFields, volume: float
+    model: Model, displacement: Floats, reaction: Floats, elements: ElementFields, volume: float, state: LoadState
 ) -> dict[str, float]:
     """Value of every probe of the scene, in its units."""
     mesh = model.structure.mesh
@@ -38,6 +39,9 @@ def evaluate(
         key = f"probes.{name}.group"
         if isinstance(probe, scenes.VolumeProbe):
             values[name] = volume
+        elif isinstance(probe, scenes.FactorProbe):
+            kind, _, factor = probe.of.partition(".")
+            values[name] = getattr(state, f"{kind}s")[factor]
         elif isinstance(probe, scenes.DisplacementProbe):
             mean = displacement[group_nodes(mesh, probe.group, key)].mean(axis=0)
             values[name] = (
@@ -105,7 +109,9 @@ def run_checks(scene: Scene, steps: Sequence[StepResult]) -> tuple[CheckResult, 
 
 
 def _check(scene: Scene, check: Check, steps: Sequence[StepResult]) -> CheckResult:
-    count = next(stage.steps for stage in scene.stages if stage.name == check.stage)
+    stage = next(stage for stage in scene.stages if stage.name == check.stage)
+    done = [s.stage_step for s in steps if s.stage == check.stage]
+    count = max(done, default=0) if stage.may_end_early else stage.steps
     wanted = check.step if check.step > 0 else count + 1 + check.step
     found = [s for s in steps if s.stage == check.stage and s.stage_step == wanted and s.converged]
     relative = check.tolerance is not None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.names import SLACK, TAUT, WRINKLED
+from taichi_membrane.names import SLACK, TAUT, WRINKLED, Outcome
 from taichi_membrane.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -57,6 +57,10 @@ class StepResult:
     :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy.
     :param converged: False marks a state that is *not* an equilibrium; ``reason`` says why.
     :param cuts: how often the step had to be halved.
+    :param negative_pivots: negative eigenvalues of the tangent stiffness, 0 for a stable equilibrium; None where no tangent is
+        used.
+    :param limit: where the step met collapse, bounds of each pressure and load (``load.tip``) at the largest stable load; the
+        step's own state is the equilibrium at the lower one.
     """
 
     number: int
@@ -77,6 +81,8 @@ class StepResult:
     iterations: int
     residual: float
     cuts: int
+    negative_pivots: int | None
+    limit: dict[str, tuple[float, float]] | None
     seconds: float
 
 
@@ -102,6 +108,7 @@ class RunResult:
 
     :param seconds: time per phase: ``setup``, ``compile``, ``solve``, ``output``, ``render``.
     :param provenance: versions, back end and precision that really ran.
+    :param outcome: how the run ended.
     :param directory: where files were written; None when none were.
     """
 
@@ -111,14 +118,14 @@ class RunResult:
     checks: tuple[CheckResult, ...]
     seconds: dict[str, float]
     provenance: dict[str, Any]
+    outcome: Outcome = "interrupted"
     directory: Path | None = None
     files: tuple[Path, ...] = field(default=())
 
     @property
     def converged(self) -> bool:
-        """True when every load step of the scene was run and converged."""
-        expected = sum(stage.steps for stage in self.scene.stages)
-        return len(self.steps) == expected and all(step.converged for step in self.steps)
+        """True when every stage of the scene was run to its end and every load step converged."""
+        return self.outcome == "finished"
 
     @property
     def passed(self) -> bool:

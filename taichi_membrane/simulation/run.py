@@ -57,9 +57,10 @@ def run(
 
         active = runtime.start(arch=arch, precision=precision, threads=threads)
         from taichi_membrane.simulation import analysis, probes
+        from taichi_membrane.simulation.equilibrium import solver_kind
     probes.validate(model)
     with clock.phase("setup"):
-        model.structure.prepare(matrix=analysis.solver_kind(model) != "relaxation")
+        model.structure.prepare(matrix=solver_kind(model) != "relaxation")
     with clock.phase("compile", "compiling kernels"):
         # Uploads compile a kernel for every type of field, so they belong here too.
         work = analysis.Analysis(model)
@@ -81,7 +82,7 @@ def run(
                         observer.wrote(path)
     finally:
         # Also after Ctrl-C: what was computed is judged, drawn and kept.
-        result = replace(result, checks=probes.run_checks(scene, result.steps))
+        result = replace(result, checks=probes.run_checks(scene, result.steps), outcome=work.outcome)
         if writer is not None and result.steps:
             result = _finish(result, writer, clock, render=render)
     return result

@@ -1,0 +1,238 @@
+"""Equilibrium at a load state by the scene's solver: Newton, relaxation, or both; arc length where load control finds none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from taichi_membrane.engine import runtime
+from taichi_membrane.engine.membrane import Membrane
+from taichi_membrane.engine.newton import Newton
+from taichi_membrane.engine.path import Path, PathEnd, PathPoint, follow
+from taichi_membrane.engine.preparation import Floats
+from taichi_membrane.engine.record import Progress, SolveRecord
+from taichi_membrane.engine.relaxation import Relaxation
+from taichi_membrane.errors import InputError
+from taichi_membrane.simulation.load_state import LoadState, stage_targets
+from taichi_membrane.simulation.model import Model
+
+# Residual over applied load at which a state counts as equilibrium. On the cantilever 1e-6 leaves 2e-5 of the tip deflection, 3e-6
+# leaves 2e-4; single precision reaches the latter with room to spare.
+_DEFAULT_TOLERANCE = {"f64": 1e-6, "f32": 3e-6}
+
+# Newton's iterations per solve: alone; and in the hybrid, before relaxation takes over for a dose of its iterations.
+_NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
+
+Report = Callable[[Progress], None] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a step from one load state towards another came to.
+
+    :param reached: share of the step at which the membrane now is in equilibrium; 1 when the step is done.
+    :param limit: shares of the step that bracket the largest stable load, where the path has a limit.
+    """
+
+    record: SolveRecord
+    reached: float
+    limit: tuple[float, float] | None = None
+
+
+class Equilibrium:
+    """One membrane with its solvers."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.membrane = Membrane(model.structure)
+        self.relaxation = Relaxation(self.membrane)
+        self.kind = solver_kind(model)
+        self.newton = Newton(self.membrane, self.relaxation) if self.kind != "relaxation" else None
+        settings = model.scene.solver
+        self.tolerance = settings.tolerance or _DEFAULT_TOLERANCE[runtime.current().precision]
+
+    def compile(self) -> None:
+        """Compile every kernel a run needs, moving nothing; so that compile time is a figure of its own."""
+        self.relaxation.compile()
+        if self.newton is not None:
+            self.newton.compile()
+        self.membrane.out_of_balance()
+        self.membrane.potential_energy(np.zeros((self.membrane.node_count, 3)))
+        self.membrane.element_state()
+
+    def apply(self, state: LoadState) -> None:
+        """Set pressures, loads and prescribed displacements."""
+        self._press(state)
+        if self.model.motions:
+            self.membrane.set_displacement(self.model.moved(self.membrane.displacement(), state.motions))
+
+    def _press(self, state: LoadState) -> None:
+        self.membrane.set_pressures(self.model.chamber_pressures(state.pressures))
+        self.membrane.set_loads(self.model.nodal_loads(state.pressures, state.loads))
+
+    def step(self, before: LoadState, after: LoadState, report: Report) -> Outcome:
+        """Go from an equilibrium at ``before`` to one at ``after``, or as far as there is a stable one.
+
+        Where no equilibrium is found the membrane is back in the state it came from.
+        """
+        start = self.membrane.displacement()
+        record = self._solve(after, report, doses=())
+        if self.newton is not None and before.motions == after.motions and not (record.converged and record.definite):
+            found = self.membrane.displacement() if record.converged else None
+            self.membrane.set_displacement(start)
+            outcome = self._along_path(self.newton, before, after, record, found, report)
+            if outcome is not None:
+                return outcome
+            self.membrane.set_displacement(start if found is None else found)
+            self.apply(after)
+        if not record.converged and self.kind == "hybrid":
+            self.membrane.set_displacement(start)
+            record = joined(record, self._solve(after, report, doses=_DOSES))
+        if not record.converged:
+            self.membrane.set_displacement(start)
+        return Outcome(record, float(record.converged))
+
+    def _solve(self, state: LoadState, report: Report, doses: tuple[int, ...]) -> SolveRecord:
+        """Equilibrium at a load state from the present displacements: Newton, after each dose of relaxation Newton again."""
+        self.apply(state)
+        reference = self.reference(state)
+        limit = self.model.scene.solver.max_iterations
+        if self.newton is None:
+            return self._relax(reference, limit, report)
+        if not doses:
+            patience = min(limit, _NEWTON_LIMIT if self.kind == "newton" else _NEWTON_PATIENCE)
+            return self._newton(self.newton, state, reference, patience, report)
+        parts: list[SolveRecord] = []
+        for dose in doses:
+            parts.append(self._relax(reference, min(dose, limit), report))
+            if parts[-1].converged or parts[-1].reason == "not finite":
+                break
+            start = self.membrane.displacement()
+            parts.append(self._newton(self.newton, state, reference, _NEWTON_PATIENCE, report))
+            if parts[-1].converged:
+                break
+            self.membrane.set_displacement(start)
+        return joined(*parts)
+
+    def _relax(self, reference: float, limit: int, report: Report) -> SolveRecord:
+        return self.relaxation.solve(tolerance=self.tolerance, reference=reference, max_iterations=limit, report=report)
+
+    def _newton(self, newton: Newton, state: LoadState, reference: float, limit: int, report: Report) -> SolveRecord:
+        return newton.solve(
+            tolerance=self.tolerance,
+            reference=reference,
+            loads=self.model.nodal_loads(state.pressures, state.loads),
+            max_iterations=limit,
+            report=report,
+        )
+
+    def path(self, newton: Newton, before: LoadState, after: LoadState) -> Path:
+        """The equilibrium path in the share of the way from one load state to another, by arc length."""
+        return Path(
+            newton,
+            apply=lambda share: self._press(before.toward(after, share)),
+            reference=max(self.reference(before), self.reference(after)),
+            tolerance=self.tolerance,
+        )
+
+    def _along_path(
+        self,
+        newton: Newton,
+        before: LoadState,
+        after: LoadState,
+        tried: SolveRecord,
+        found: Floats | None,
+        report: Report,
+    ) -> Outcome | None:
+        """Where load control found no equilibrium, or one that may lie on another branch: follow the path from the last one.
+
+        :param found: what load control found.
+        :return: the state that the path leads to, or the limit before it; None where neither is better than what was found.
+        """
+        path = self.path(newton, before, after)
+        start = path.start(self.membrane.displacement(), 0.0)
+        if start is None or start.negative > 0:
+            return None
+
+        def progress(point: PathPoint) -> None:
+            if report is not None:
+                report(Progress(iteration=point.iterations, residual=point.residual, seconds=0.0))
+
+        end = follow(path, start, 1.0, progress)
+        walked = joined(
+            tried,
+            SolveRecord(
+                converged=end.reason == "limit",
+                reason=end.reason,
+                iterations=end.iterations,
+                residual=end.last.residual,
+                seconds=0.0,
+                method="arc length",
+            ),
+        )
+        if end.reason == "target":
+            self.membrane.set_displacement(_between(end, 1.0))
+            self.apply(after)
+            last = self._newton(newton, after, self.reference(after), _NEWTON_PATIENCE, report)
+            return Outcome(joined(walked, last), 1.0) if last.converged else None
+        if end.reason == "limit" and end.upper is not None:
+            way = float(np.linalg.norm(end.last.position - start.position))
+            if found is None or float(np.linalg.norm(found - end.last.position)) > way:
+                self.membrane.set_displacement(end.last.position)
+                return Outcome(walked, end.last.factor, (end.last.factor, end.upper))
+        return None  # a small jump, or a bifurcation: what load control found is the stable branch
+
+    def reference(self, state: LoadState) -> float:
+        """Size of the applied loads and of prestress; failing both, of the scene's largest load, or of the support forces."""
+        applied = np.hypot(self.model.reference_load(state.pressures, state.loads), self.membrane.prestress_norm())
+        if applied > 0.0:
+            return float(applied)
+        full = max(self.model.reference_load(one.pressures, one.loads) for one in stage_targets(self.model.scene))
+        return full or float(np.linalg.norm(self.membrane.out_of_balance())) or 1.0
+
+
+def _between(end: PathEnd, factor: float) -> Floats:
+    """Displacements at a load factor between the last two points of a path, by interpolation."""
+    last, beyond = end.last, end.beyond
+    assert beyond is not None
+    share = (factor - last.factor) / (beyond.factor - last.factor)
+    return last.position + share * (beyond.position - last.position)
+
+
+def joined(*parts: SolveRecord) -> SolveRecord:
+    """One record of several solvers' work on one state; the last one's verdict counts."""
+    return replace(
+        parts[-1],
+        method=" + ".join(
+            f"{part.method} {part.iterations}" if "+" not in part.method else part.method for part in parts
+        )
+        if len(parts) > 1
+        else parts[-1].method,
+        iterations=sum(part.iterations for part in parts),
+        seconds=sum(part.seconds for part in parts),
+    )
+
+
+def solver_kind(model: Model) -> str:
+    """The solver a run uses: the scene's, or relaxation where Newton cannot work and the scene does not insist on it.
+
+    :raises InputError: the scene asks for Newton alone, or for arc length, in single precision or with the clipped law.
+    """
+    kind = model.scene.solver.kind
+    hindrance = None
+    if runtime.current().precision == "f32":
+        hindrance = "it needs precision f64, not f32"
+    elif any(fabric.law == "clip" for fabric in model.structure.fabrics):
+        hindrance = "the law 'clip' has no energy and no symmetric tangent"
+    if hindrance is None:
+        return kind
+    if kind == "newton":
+        raise InputError(
+            f"solver.kind = 'newton': {hindrance}; use 'relaxation', or 'hybrid', which then relaxes alone"
+        )
+    for stage in model.scene.stages:
+        if stage.control == "arc_length":
+            raise InputError(f"stages.{stage.name}.control = 'arc_length' needs Newton: {hindrance}; use 'load'")
+    return "relaxation"

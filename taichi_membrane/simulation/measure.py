@@ -1,0 +1,118 @@
+"""What one load step yields: the state downloaded once, with everything derived from it."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from taichi_membrane.engine.membrane import ElementState
+from taichi_membrane.engine.preparation import Floats
+from taichi_membrane.engine.record import SolveRecord
+from taichi_membrane.scene import Stage
+from taichi_membrane.simulation import probes
+from taichi_membrane.simulation.equilibrium import Equilibrium
+from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.results import ElementFields, StepResult
+
+
+class Measure:
+    """Makes the results of load steps."""
+
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        self.model = equilibrium.model
+        self.equilibrium = equilibrium
+        self.membrane = equilibrium.membrane
+        mesh = self.model.structure.mesh
+        self._rest_volume = mesh.enclosed_volume() if mesh.is_closed else 0.0
+        self._has_energy = all(fabric.law != "clip" for fabric in self.model.structure.fabrics)
+
+    def step(
+        self,
+        number: int,
+        stage: Stage,
+        k: int,
+        state: LoadState,
+        record: SolveRecord,
+        cuts: int,
+        started: float,
+        *,
+        limit: dict[str, tuple[float, float]] | None = None,
+    ) -> StepResult:
+        """The record of step ``k`` of a stage, at the membrane's present state.
+
+        :param started: when the step began, by :func:`time.perf_counter`.
+        :param limit: bounds of the loads at which the structure collapses, where the step found that it does.
+        """
+        self.equilibrium.apply(state)
+        displacement = self.membrane.displacement()
+        elements = self._element_fields(self.membrane.element_state(), displacement)
+        dead = self.model.nodal_loads(state.pressures, state.loads)
+        local = self.membrane.in_frames(-self.membrane.out_of_balance())
+        reaction = self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0))
+        volume = self._rest_volume + float(self.membrane.swept_volumes(displacement).sum())
+        return StepResult(
+            number=number,
+            stage=stage.name,
+            stage_step=k,
+            pressures=state.pressures,
+            loads=state.loads,
+            motions=state.motions,
+            displacement=displacement,
+            reaction=reaction,
+            elements=elements,
+            probes=probes.evaluate(self.model, displacement, reaction, elements, volume, state),
+            volume=volume,
+            energy=self.membrane.potential_energy(dead)[0] if self._has_energy else None,
+            solver=record.method,
+            converged=record.converged,
+            reason=record.reason,
+            iterations=record.iterations,
+            residual=record.residual,
+            cuts=cuts,
+            negative_pivots=self._negative_pivots() if record.converged else None,
+            limit=limit,
+            seconds=time.perf_counter() - started,
+        )
+
+    def _negative_pivots(self) -> int | None:
+        """Number of negative eigenvalues of the tangent stiffness; None where no tangent is used, or it is singular."""
+        newton = self.equilibrium.newton
+        if newton is None or not self.model.scene.solver.stability:
+            return None
+        factor = newton.at_rest()
+        return None if factor is None else factor.negative
+
+    def _element_fields(self, state: ElementState, displacement: Floats) -> ElementFields:
+        """Add principal stresses and the direction of the major one on the deformed elements."""
+        warp, weft, shear = state.stress.T
+        mean, half = 0.5 * (warp + weft), 0.5 * (warp - weft)
+        radius = np.hypot(half, shear)
+        angle = 0.5 * np.arctan2(shear, half)
+        geometry = self.membrane.geometry
+        at_rest = np.cos(angle)[:, None] * geometry.warp + np.sin(angle)[:, None] * geometry.weft
+        return ElementFields(
+            strain=state.strain,
+            stress=state.stress,
+            state=state.state,
+            fold_strain=state.fold_strain,
+            taut_margin=state.taut_margin,
+            slack_margin=state.slack_margin,
+            major_stress=mean + radius,
+            minor_stress=mean - radius,
+            major_direction=self._pushed_forward(at_rest, displacement),
+        )
+
+    def _pushed_forward(self, tangent: Floats, displacement: Floats) -> Floats:
+        """Unit tangent vectors of the deformed elements that the given ones at rest are carried to."""
+        mesh = self.model.structure.mesh
+        rest = mesh.points[mesh.triangles]
+        first, second = rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]
+        normal = np.cross(first, second)
+        squared = np.einsum("ij,ij->i", normal, normal)
+        along_first = np.einsum("ij,ij->i", np.cross(tangent, second), normal) / squared
+        along_second = np.einsum("ij,ij->i", np.cross(first, tangent), normal) / squared
+        now = rest + displacement[mesh.triangles]
+        moved = along_first[:, None] * (now[:, 1] - now[:, 0]) + along_second[:, None] * (now[:, 2] - now[:, 0])
+        length = np.linalg.norm(moved, axis=1, keepdims=True)
+        return np.asarray(moved / np.where(length > 0.0, length, 1.0))

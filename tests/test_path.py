@@ -1,0 +1,113 @@
+"""Arc length and collapse on a structure whose whole path is known: a shallow tent whose tip is pushed down and snaps through."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.results import RunResult
+from taichi_membrane.simulation.run import run
+
+pytestmark = pytest.mark.usefixtures("runtime_cpu")
+
+SIDES, RADIUS, RISE, E, THICKNESS = 6, 10.0, 1.0, 100.0, 0.1
+# A triangle's base is held, so it only stretches along its slant height s: Green strain (z² - h²)/(2 s²), volume V. ν = 0.
+INNER = RADIUS * np.cos(np.pi / SIDES)
+SLANT = float(np.hypot(INNER, RISE))
+VOLUME = SIDES * THICKNESS * RADIUS * np.sin(np.pi / SIDES) * SLANT
+LIMIT = float(E * VOLUME * RISE**3 / (3 * np.sqrt(3) * SLANT**4))
+
+
+def load_at(height: float) -> float:
+    """Force that holds the tip at a height: -dW/dz of E V ε²/2."""
+    return float(E * VOLUME * height * (RISE**2 - height**2) / (2 * SLANT**4))
+
+
+def tent(stages: list[dict[str, Any]], **changes: Any) -> RunResult:
+    """Run the tent through some stages; its tip moves up and down alone."""
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    rim = np.stack([RADIUS * np.cos(angle), RADIUS * np.sin(angle), 0 * angle], axis=1)
+    triangles = [[0, 1 + k, 1 + (k + 1) % SIDES] for k in range(SIDES)]
+    mesh = Mesh.build(np.vstack([[0.0, 0.0, RISE], rim]), triangles, {"tip": [0], "rim": range(1, 1 + SIDES)})
+    scene = {
+        "name": "tent",
+        "units": {"length": "mm", "force": "N"},
+        "mesh": {"shape": "given"},
+        "fabric": {"E": E, "nu": 0.0, "thickness": THICKNESS, "law": "none"},
+        "supports": [{"group": "rim", "hold": "xyz"}, {"group": "tip", "hold": "xy"}],
+        "loads": {"push": {"group": "tip", "direction": [0.0, 0.0, -1.0]}},
+        "probes": {
+            "sink": {"kind": "displacement", "group": "tip", "component": "z"},
+            "push": {"kind": "factor", "of": "load.push"},
+        },
+        "stages": stages,
+    }
+    return run(Scene.model_validate(scene | changes), mesh=mesh)
+
+
+def test_arc_length_follows_the_exact_path_through_both_limits() -> None:
+    """Down to the far side and up again to the load: every point on the cubic, unstable between the limits and only there."""
+    result = tent([{"name": "snap", "steps": 60, "control": "arc_length", "loads": {"push": 1.2 * LIMIT}}])
+    assert result.outcome == "finished"
+    heights = RISE + result.probe("sink")
+    pushes = result.probe("push")
+    for height, push in zip(heights, pushes, strict=True):
+        assert push == pytest.approx(load_at(height), abs=1e-5 * LIMIT)
+    assert heights[-1] < -RISE
+    assert pushes[-1] >= 1.2 * LIMIT  # the stage ends beyond its load, not before it
+    assert pushes.min() < -0.9 * LIMIT
+    for height, step in zip(heights, result.steps, strict=True):
+        assert step.negative_pivots == (1 if abs(height) < RISE / np.sqrt(3) else 0)
+
+
+@pytest.mark.parametrize("kind", ["newton", "hybrid"])
+def test_collapse_is_found_and_bracketed(kind: str) -> None:
+    """Load control to 1.2 times the limit: the run says collapse, brackets the exact limit, and keeps a stable equilibrium."""
+    result = tent([{"name": "push", "steps": 4, "loads": {"push": 1.2 * LIMIT}}], solver={"kind": kind})
+    assert result.outcome == "collapse"
+    assert not result.converged
+    last = result.steps[-1]
+    assert (last.converged, last.stage_step, last.negative_pivots) == (True, 4, 0)
+    assert last.limit is not None
+    lower, upper = last.limit["load.push"]
+    assert lower <= LIMIT <= upper
+    assert upper - lower < 1.1e-3 * 0.3 * LIMIT  # a thousandth of the load step, and its round-off
+    assert last.loads["push"] == lower
+    assert load_at(RISE + last.probes["sink"]) == pytest.approx(lower, rel=1e-5)
+    assert "collapse" in last.reason
+
+
+def test_a_stage_that_is_meant_to_collapse_finishes() -> None:
+    """The next stage goes on from the limit; a check on the last step done sees the collapse load."""
+    stages = [
+        {"name": "push", "steps": 4, "loads": {"push": 1.2 * LIMIT}, "until": "collapse"},
+        {"name": "release", "loads": {"push": 0.0}},
+    ]
+    check = {"probe": "push", "stage": "push", "reference": LIMIT, "tolerance": 1e-3, "source": "closed form"}
+    result = tent(stages, checks=[check])
+    assert result.outcome == "finished"
+    assert result.passed
+    assert result.checks[0].value == pytest.approx(LIMIT, rel=1e-3)
+    assert result.steps[-1].probes["sink"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_relaxation_does_not_claim_collapse() -> None:
+    """Without a tangent there is no proof of a limit: the far state is found by its dynamics, and no stability verdict is given."""
+    result = tent([{"name": "push", "steps": 4, "loads": {"push": 1.2 * LIMIT}}], solver={"kind": "relaxation"})
+    assert result.outcome == "finished"
+    assert RISE + result.steps[-1].probes["sink"] < -RISE
+    assert {step.negative_pivots for step in result.steps} == {None}
+
+
+def test_arc_length_needs_a_tangent() -> None:
+    """Refused with relaxation, with the clipped law, and with motions that change."""
+    stage = {"name": "snap", "steps": 3, "control": "arc_length", "loads": {"push": 1.0}}
+    with pytest.raises(ValueError, match=r"stages\.snap\.control = 'arc_length' needs solver\.kind"):
+        tent([stage], solver={"kind": "relaxation"})
+    with pytest.raises(InputError, match="arc_length"):
+        tent([stage], fabric={"E": E, "nu": 0.0, "thickness": THICKNESS, "law": "clip"})
