@@ -13,7 +13,7 @@ from taichi_membrane.names import Outcome
 from taichi_membrane.output.writer import Writer
 from taichi_membrane.scene import Scene
 from taichi_membrane.shapes import panel
-from taichi_membrane.simulation.results import CheckResult, ElementFields, RunResult, StepResult
+from taichi_membrane.simulation.results import CheckResult, ElementFields, ModeResult, RunResult, StepResult
 
 SCENE = Scene.model_validate(
     {
@@ -69,6 +69,7 @@ def a_step(number: int, **changes: Any) -> StepResult:
         minor_stress=rng.normal(size=m),
         major_direction=rng.normal(size=(m, 3)),
     )
+    modes = ModeResult(kind="vibration", values=(1.0 / 3.0, 2.0), shapes=rng.normal(size=(2, MESH.node_count, 3)))
     step = StepResult(
         number=number,
         stage="load",
@@ -90,6 +91,8 @@ def a_step(number: int, **changes: Any) -> StepResult:
         cuts=0,
         negative_pivots=number,
         limit={"load.pull": (1.0 / 3.0, 0.5)} if number else None,
+        derivatives={"tip": {"load.pull": 1.0 / 3.0}} if number else {},
+        modes=modes if number else None,
         seconds=0.25,
     )
     return replace(step, **changes)
@@ -121,7 +124,7 @@ def a_run(directory: Path, steps: list[StepResult]) -> list[Path]:
 
 def same(a: Any, b: Any) -> bool:
     """Equal to the last bit, arrays, records and NaN included."""
-    if isinstance(a, ElementFields | StepResult):
+    if isinstance(a, ElementFields | StepResult | ModeResult):
         return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)

@@ -40,6 +40,7 @@ def print_run(console: Console, result: RunResult) -> None:
     """Print the load steps, the checks, times and files of a run."""
     _print_steps(console, result)
     print_failed_steps(console, result)
+    _print_at_rest(console, result)
     if result.checks:
         console.print()
         _print_table(console, check_columns(result.scene, result.checks))
@@ -53,6 +54,27 @@ def print_run(console: Console, result: RunResult) -> None:
     _print_wrapped(console, "time", f"{spent} ({real['arch']}, {real['precision']}{threads})")
     if result.directory is not None:
         print_files(console, result.directory, result.files)
+
+
+def _print_at_rest(console: Console, result: RunResult) -> None:
+    """Modes and derivatives at the last load step that has them."""
+    with_modes = [step for step in result.steps if step.modes is not None]
+    if with_modes and with_modes[-1].modes is not None:
+        step, modes = with_modes[-1], with_modes[-1].modes
+        what = (
+            "frequencies [1/time]" if modes.kind == "vibration" else f"buckling at these shares of stage {step.stage}"
+        )
+        values = ", ".join(f"{value:.6g}" for value in modes.values) or "none ahead"
+        console.print()
+        _print_wrapped(console, f"{what}, at {step.stage} {step.stage_step}:", values)
+    with_derivatives = [step for step in result.steps if step.derivatives]
+    if with_derivatives:
+        step = with_derivatives[-1]
+        parameters = list(next(iter(step.derivatives.values())))
+        console.print()
+        columns = [Column(f"at {step.stage} {step.stage_step}, d/d…", list(step.derivatives))]
+        columns += [Column(p, [f"{of[p]:.6g}" for of in step.derivatives.values()]) for p in parameters]
+        _print_table(console, columns)
 
 
 def print_failed_steps(console: Console, result: RunResult) -> None:

@@ -141,6 +141,12 @@ class MembraneFields:
         leading = self.node_displacement.to_numpy().astype(np.float64)
         return leading + self.node_displacement_rest.to_numpy() if self.split_displacement else leading
 
+    def scale_thickness(self, fabric_number: int, factor: float) -> None:
+        """Give one fabric so many times its thickness; 1 restores it."""
+        thickness = np.array([one.thickness for one in self.structure.fabrics])
+        thickness[fabric_number] *= factor
+        self.tri_volume.from_numpy((self.geometry.area * thickness[self.structure.tri_fabric]).astype(self.dtype))
+
     def set_pressures(self, pressures: Floats) -> None:
         """Set each chamber's pressure (force per area, positive along the triangles' normals)."""
         if self.features.pressure != "none":

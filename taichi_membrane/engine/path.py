@@ -105,10 +105,10 @@ class Path:
             first = min(first, residual)
             if not np.isfinite(residual) or residual > _RUNAWAY * first:
                 break
-            stiffness = self._factorised()
+            stiffness = self.newton.factorised(indefinite=True)
             if stiffness is None:
                 break
-            to_balance, tangent = stiffness.solve(force), stiffness.solve(self._unit_force(factor))
+            to_balance, tangent = stiffness.solve(force), self.tangent(stiffness, factor)
             change = -float(np.vdot(advance, to_balance) / np.vdot(advance, tangent))
             advance = advance + to_balance + change * tangent
             factor += change
@@ -126,15 +126,16 @@ class Path:
         return PathPoint(
             position=position,
             factor=factor,
-            tangent=stiffness.solve(self._unit_force(factor)),
+            tangent=self.tangent(stiffness, factor),
             negative=stiffness.negative,
             advance=advance,
             iterations=iterations,
             residual=residual,
         )
 
-    def _factorised(self) -> Factor | None:
-        return self.newton.factorised(indefinite=True)
+    def tangent(self, stiffness: Factor, factor: float) -> Floats:
+        """(node_count, 3) du/dλ at the present equilibrium, from its factorised tangent stiffness."""
+        return stiffness.solve(self._unit_force(factor))
 
     def _unit_force(self, factor: float) -> Floats:
         """(node_count, 3) change of the free forces per load factor at fixed displacements; leaves ``factor`` applied."""

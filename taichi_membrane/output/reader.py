@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -18,11 +19,12 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import first_problem
-from taichi_membrane.simulation.results import ElementFields, Floats, StepResult
+from taichi_membrane.simulation.results import ElementFields, Floats, ModeResult, StepResult
 
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 2
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
+MODE = "mode_"  # begins the name of a mode shape in a step's file
 FABRIC_AXES = ("warp", "weft", "shear")  # end the names of stress and strain arrays in a step's file
 
 
@@ -154,6 +156,8 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
             residual=_number(record["residual"]),
             cuts=int(record["cuts"]),
             negative_pivots=None if record["negative_pivots"] is None else int(record["negative_pivots"]),
+            derivatives={name: _numbers(values) for name, values in record["derivatives"].items()},
+            modes=None if record["modes"] is None else _modes(record["modes"], per_node),
             limit=None
             if record["limit"] is None
             else {key: (low, high) for key, (low, high) in record["limit"].items()},
@@ -163,6 +167,13 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{directory / SUMMARY}: damaged load step: {type(error).__name__}: {error}") from error
+
+
+def _modes(record: dict[str, Any], shape: Callable[[str], Floats]) -> ModeResult:
+    """Modes from their record and the arrays of the step's file."""
+    shapes = [shape(f"{MODE}{number}") for number in range(1, len(record["values"]) + 1)]
+    values = tuple(map(_number, record["values"]))
+    return ModeResult(kind=record["kind"], values=values, shapes=np.stack(shapes) if shapes else np.zeros((0, 0, 3)))
 
 
 def _number(value: Any) -> float:

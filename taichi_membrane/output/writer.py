@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.atomic import replacing
-from taichi_membrane.output.reader import FABRIC_AXES, FORMAT, FORMAT_VERSION, GROUP, MESH, SUMMARY, is_run
+from taichi_membrane.output.reader import FABRIC_AXES, FORMAT, FORMAT_VERSION, GROUP, MESH, MODE, SUMMARY, is_run
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
 from taichi_membrane.simulation.results import RunResult, StepResult
@@ -129,8 +129,11 @@ class Writer:
             cells[f"stress_{axis}"] = fields.stress[:, number]
             cells[f"strain_{axis}"] = fields.strain[:, number]
         cells["fabric"] = self._tri_fabric
+        points = {"displacement": step.displacement, "reaction": step.reaction}
+        if step.modes is not None:
+            points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
         path = step_path(self.directory, step.number)
-        _write_vtu(path, self._mesh, {"displacement": step.displacement, "reaction": step.reaction}, cells)
+        _write_vtu(path, self._mesh, points, cells)
         return path
 
     def _write_tables(self) -> list[Path]:
@@ -221,8 +224,10 @@ def _header(name: str, unit: str) -> str:
 
 def _record(step: StepResult, file: str) -> dict[str, Any]:
     """A load step in the summary: all but its arrays."""
-    scalars = {key: value for key, value in vars(step).items() if key not in ("displacement", "reaction", "elements")}
-    return {**scalars, "element_states": step.elements.count(), "file": file}
+    arrays = ("displacement", "reaction", "elements", "modes")
+    scalars = {key: value for key, value in vars(step).items() if key not in arrays}
+    modes = None if step.modes is None else {"kind": step.modes.kind, "values": step.modes.values}
+    return {**scalars, "modes": modes, "element_states": step.elements.count(), "file": file}
 
 
 def _plain(value: Any) -> Any:

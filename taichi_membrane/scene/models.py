@@ -18,6 +18,8 @@ from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
 from taichi_membrane.scene.support import Motion, Support
 
+_DIFFERENTIABLE = ("displacement", "radius", "rotation", "volume")  # kinds of probes that derivatives exist for
+
 
 class Units(Model):
     """The consistent units all numbers of a scene are in; only labels depend on them."""
@@ -60,6 +62,7 @@ class Fabric(Model):
 
     ``nu`` is the contraction in weft per extension in warp. ``warp`` is a direction that is projected on each element (default: the
     shape's own), turned by ``warp_angle`` degrees about the normal. ``prestress`` is (warp, weft, shear) force per area.
+    ``density`` is mass per volume, in force · time² / length⁴; only vibration modes need it.
     """
 
     E: Positive | None = None
@@ -73,6 +76,7 @@ class Fabric(Model):
     warp: Vector | None = None
     warp_angle: Finite = 0.0
     prestress: Vector = (0.0, 0.0, 0.0)
+    density: Positive | None = None
 
     @model_validator(mode="after")
     def _moduli(self) -> Self:
@@ -268,6 +272,18 @@ class Solver(Model):
     stability: bool = True
 
 
+class Modes(Model):
+    """Modes computed at every load step of a stage (of all stages when None), Newton only.
+
+    ``vibration``: lowest frequencies about the present state, in vacuo. ``buckling``: nearest loads at which the tangent,
+    extrapolated linearly along the stage's course, becomes singular.
+    """
+
+    kind: Literal["vibration", "buckling"]
+    count: Annotated[int, Field(ge=1, le=100)] = 4
+    stage: str | None = None
+
+
 class Scene(Model):
     """Everything a run needs."""
 
@@ -286,6 +302,8 @@ class Scene(Model):
     stages: Annotated[list[Stage], Field(min_length=1)]
     probes: dict[Name, Probe] = {}
     checks: list[Check] = []
+    derivatives: list[Name] = []
+    modes: Modes | None = None
     curve: Curve | None = None
     camera: Camera = Camera()
     solver: Solver = Solver()
@@ -315,6 +333,21 @@ class Scene(Model):
             steps = next(stage.steps for stage in self.stages if stage.name == check.stage)
             if not (1 <= check.step <= steps or -steps <= check.step <= -1):
                 raise ValueError(f"checks[{number}].step = {check.step}, but stage {check.stage!r} has {steps} steps")
+        for number, probe_name in enumerate(self.derivatives, 1):
+            _known(probe_name, self.probes, f"derivatives[{number}]", "a probe")
+            if self.probes[probe_name].kind not in _DIFFERENTIABLE:
+                raise ValueError(
+                    f"derivatives[{number}]: probe {probe_name!r} is of kind {self.probes[probe_name].kind!r}; "
+                    f"derivatives exist for {', '.join(_DIFFERENTIABLE)}"
+                )
+        if self.modes is not None and self.modes.kind == "vibration":
+            for name, fabric in {"fabric": self.fabric, **{f"fabrics.{n}": f for n, f in self.fabrics.items()}}.items():
+                if fabric is not None and fabric.density is None:
+                    raise ValueError(f"{name}.density is missing: modes.kind = 'vibration' needs it")
+        if self.modes is not None and self.modes.stage is not None:
+            _known(self.modes.stage, names, "modes.stage", "a stage")
+        if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
+            raise ValueError("modes and derivatives need the tangent of solver.kind 'hybrid' or 'newton'")
         if self.curve is not None:
             allowed = [*self.probes, "volume", "pressure", *(f"pressure.{p}" for p in self.pressures)]
             allowed += [f"load.{name}" for name in self.loads] + [f"motion.{name}" for name in self.motions]

@@ -11,7 +11,7 @@ from taichi_membrane.engine.record import Progress, SolveRecord
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
 from taichi_membrane.simulation.equilibrium import Equilibrium, Report
-from taichi_membrane.simulation.load_state import LoadState, stage_target, unloaded
+from taichi_membrane.simulation.load_state import Course, LoadState, stage_target, unloaded
 from taichi_membrane.simulation.measure import Measure
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import StepResult
@@ -45,8 +45,9 @@ class Analysis:
         state = unloaded(self.model.scene)
         number = 0
         for stage in self.model.scene.stages:
+            course = Course(state, stage_target(state, stage))
             run_stage = self._arc_length_stage if stage.control == "arc_length" else self._load_stage
-            for result in run_stage(number, stage, state, progress):
+            for result in run_stage(number, stage, course, progress):
                 yield result
                 number += 1
                 if not result.converged:
@@ -59,87 +60,77 @@ class Analysis:
         self.outcome = "finished"
 
     def _load_stage(
-        self, number: int, stage: Stage, start: LoadState, progress: ProgressCallback | None
+        self, number: int, stage: Stage, course: Course, progress: ProgressCallback | None
     ) -> Iterator[StepResult]:
         """Equal steps of the load; the last one done is the one that meets a limit."""
-        target = stage_target(start, stage)
-        before = start
         for k in range(1, stage.steps + 1):
-            after = start.toward(target, k / stage.steps)
-            result = self._load_step(number + k - 1, stage, k, before, after, progress)
+            result = self._load_step(number + k - 1, stage, k, course, progress)
             yield result
             if not result.converged or result.limit is not None:
                 return
-            before = after
 
     def _load_step(
-        self,
-        number: int,
-        stage: Stage,
-        k: int,
-        before: LoadState,
-        after: LoadState,
-        progress: ProgressCallback | None,
+        self, number: int, stage: Stage, k: int, course: Course, progress: ProgressCallback | None
     ) -> StepResult:
         """One load step, halved as often as allowed while it fails; a failed one keeps the last equilibrium it reached."""
         started = time.perf_counter()
         report = _report(stage, k, progress)
-        reached, size, cuts, iterations = 0.0, 1.0, 0, 0
+        reached, end = (k - 1) / stage.steps, k / stage.steps
+        size, cuts, iterations = end - reached, 0, 0
         while True:
-            aim = min(1.0, reached + size)
-            part = self.equilibrium.step(before.toward(after, reached), before.toward(after, aim), report)
+            aim = min(end, reached + size)
+            part = self.equilibrium.step(course.at(reached), course.at(aim), report)
             iterations += part.record.iterations
+            record = replace(part.record, iterations=iterations)
             if part.limit is not None:
-                bounds = [reached + share * (aim - reached) for share in part.limit]
-                state = before.toward(after, bounds[0])
-                limit = _bracket(state, before.toward(after, bounds[1]))
-                record = replace(part.record, iterations=iterations, reason=_collapse(limit))
-                return self.measure.step(number, stage, k, state, record, cuts, started, limit=limit)
+                lower, upper = (reached + share * (aim - reached) for share in part.limit)
+                limit = _bracket(course.at(lower), course.at(upper))
+                record = replace(record, reason=_collapse(limit))
+                return self.measure.step(number, stage, k, course, lower, record, cuts, started, limit=limit)
             if part.record.converged:
                 reached = aim
-                if reached == 1.0:
-                    record = replace(part.record, iterations=iterations)
-                    return self.measure.step(number, stage, k, after, record, cuts, started)
+                if reached == end:
+                    return self.measure.step(number, stage, k, course, end, record, cuts, started)
             elif cuts == self.model.scene.solver.max_cuts:
+                bounds = [100.0 * (share * stage.steps - (k - 1)) for share in (reached, aim)]
                 reason = (
-                    f"no equilibrium found between {100 * reached:.4g} and {100 * aim:.4g} % of the step "
-                    f"({part.record.reason}, {cuts} halvings); the last equilibrium is kept"
+                    f"no equilibrium found between {bounds[0]:.4g} and {bounds[1]:.4g} % of the step "
+                    f"({record.reason}, {cuts} halvings); the last equilibrium is kept"
                 )
-                record = replace(part.record, iterations=iterations, reason=reason)
-                return self.measure.step(number, stage, k, before.toward(after, reached), record, cuts, started)
+                record = replace(record, reason=reason)
+                return self.measure.step(number, stage, k, course, reached, record, cuts, started)
             else:
                 cuts, size = cuts + 1, 0.5 * size
 
     def _arc_length_stage(
-        self, number: int, stage: Stage, start: LoadState, progress: ProgressCallback | None
+        self, number: int, stage: Stage, course: Course, progress: ProgressCallback | None
     ) -> Iterator[StepResult]:
         """Steps along the equilibrium path, through limit points, until the stage's loads are reached or its steps are used up."""
-        target = stage_target(start, stage)
         newton = self.newton
         assert newton is not None  # solver_kind refuses arc length without it
-        path = self.equilibrium.path(newton, start, target)
+        path = self.equilibrium.path(newton, course.start, course.target)
         started = time.perf_counter()
-        point = path.start(self.membrane.displacement(), 0.0)
+        origin = self.membrane.displacement()
+        point = path.start(origin, 0.0)
         length = 0.0 if point is None else point.length_for(1.0 / stage.steps)
         for k in range(1, stage.steps + 1):
             following: PathPoint | None = None
             if point is not None:
                 following, length = path.step(point, length)
             if following is None:
-                self.membrane.set_displacement(self.membrane.displacement() if point is None else point.position)
+                self.membrane.set_displacement(origin if point is None else point.position)
                 reason = (
                     "the tangent is singular" if point is None else "the path is lost; the last equilibrium is kept"
                 )
-                state = start.toward(target, 0.0 if point is None else point.factor)
+                share = 0.0 if point is None else point.factor
                 failed = _walked(point, converged=False, reason=reason)
-                yield self.measure.step(number + k - 1, stage, k, state, failed, 0, started)
+                yield self.measure.step(number + k - 1, stage, k, course, share, failed, 0, started)
                 return
             report = _report(stage, k, progress)
             if report is not None:
                 report(Progress(iteration=following.iterations, residual=following.residual, seconds=0.0))
             point = following
-            state = start.toward(target, point.factor)
-            yield self.measure.step(number + k - 1, stage, k, state, _walked(point), 0, started)
+            yield self.measure.step(number + k - 1, stage, k, course, point.factor, _walked(point), 0, started)
             started = time.perf_counter()
             if point.factor >= 1.0:
                 return

@@ -232,6 +232,8 @@ def solver_kind(model: Model) -> str:
         raise InputError(
             f"solver.kind = 'newton': {hindrance}; use 'relaxation', or 'hybrid', which then relaxes alone"
         )
+    if model.scene.modes is not None or model.scene.derivatives:
+        raise InputError(f"modes and derivatives need Newton's tangent: {hindrance}")
     for stage in model.scene.stages:
         if stage.control == "arc_length":
             raise InputError(f"stages.{stage.name}.control = 'arc_length' needs Newton: {hindrance}; use 'load'")

@@ -28,6 +28,18 @@ class LoadState:
         )
 
 
+@dataclass(frozen=True)
+class Course:
+    """The straight way that a stage takes from one load state to another."""
+
+    start: LoadState
+    target: LoadState
+
+    def at(self, share: float) -> LoadState:
+        """The state at a share of the way."""
+        return self.start.toward(self.target, share)
+
+
 def unloaded(scene: Scene) -> LoadState:
     """The state before the first stage."""
     return LoadState(*(dict.fromkeys(names, 0.0) for names in (scene.pressures, scene.loads, scene.motions)))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -10,10 +12,19 @@ from taichi_membrane.engine.membrane import ElementState
 from taichi_membrane.engine.preparation import Floats
 from taichi_membrane.engine.record import SolveRecord
 from taichi_membrane.scene import Stage
-from taichi_membrane.simulation import probes
+from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
-from taichi_membrane.simulation.load_state import LoadState
-from taichi_membrane.simulation.results import ElementFields, StepResult
+from taichi_membrane.simulation.load_state import Course
+from taichi_membrane.simulation.results import ElementFields, ModeResult, StepResult
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """What the factorised tangent at an equilibrium tells; nothing where there is none."""
+
+    negative_pivots: int | None = None
+    derivatives: dict[str, dict[str, float]] = field(default_factory=dict)
+    modes: ModeResult | None = None
 
 
 class Measure:
@@ -32,7 +43,8 @@ class Measure:
         number: int,
         stage: Stage,
         k: int,
-        state: LoadState,
+        course: Course,
+        share: float,
         record: SolveRecord,
         cuts: int,
         started: float,
@@ -41,9 +53,11 @@ class Measure:
     ) -> StepResult:
         """The record of step ``k`` of a stage, at the membrane's present state.
 
+        :param share: how far along the stage's course the state is.
         :param started: when the step began, by :func:`time.perf_counter`.
         :param limit: bounds of the loads at which the structure collapses, where the step found that it does.
         """
+        state = course.at(share)
         self.equilibrium.apply(state)
         displacement = self.membrane.displacement()
         elements = self._element_fields(self.membrane.element_state(), displacement)
@@ -51,6 +65,8 @@ class Measure:
         local = self.membrane.in_frames(-self.membrane.out_of_balance())
         reaction = self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0))
         volume = self._rest_volume + float(self.membrane.swept_volumes(displacement).sum())
+        energy = self.membrane.potential_energy(dead)[0] if self._has_energy else None
+        at_rest = self._at_rest(stage, course, share) if record.converged else AtRest()
         return StepResult(
             number=number,
             stage=stage.name,
@@ -63,25 +79,42 @@ class Measure:
             elements=elements,
             probes=probes.evaluate(self.model, displacement, reaction, elements, volume, state),
             volume=volume,
-            energy=self.membrane.potential_energy(dead)[0] if self._has_energy else None,
+            energy=energy,
             solver=record.method,
             converged=record.converged,
             reason=record.reason,
             iterations=record.iterations,
             residual=record.residual,
             cuts=cuts,
-            negative_pivots=self._negative_pivots() if record.converged else None,
+            negative_pivots=at_rest.negative_pivots,
             limit=limit,
+            derivatives=at_rest.derivatives,
+            modes=at_rest.modes,
             seconds=time.perf_counter() - started,
         )
 
-    def _negative_pivots(self) -> int | None:
-        """Number of negative eigenvalues of the tangent stiffness; None where no tangent is used, or it is singular."""
-        newton = self.equilibrium.newton
-        if newton is None or not self.model.scene.solver.stability:
-            return None
+    def _at_rest(self, stage: Stage, course: Course, share: float) -> AtRest:
+        """What the tangent at an equilibrium tells, where it is used and not singular."""
+        newton, scene = self.equilibrium.newton, self.model.scene
+        asked = scene.modes if scene.modes is not None and scene.modes.stage in (None, stage.name) else None
+        if newton is None or not (scene.solver.stability or scene.derivatives or asked):
+            return AtRest()
         factor = newton.at_rest()
-        return None if factor is None else factor.negative
+        if factor is None:
+            return AtRest()
+        displacement = self.membrane.displacement()
+        found = sensitivity.derivatives(self.model, newton, factor, course.at(share), displacement)
+        shapes = None
+        if asked is not None and asked.kind == "vibration":
+            shapes = modes.vibration(newton, factor, self._mass, asked)
+        elif asked is not None and course.start != course.target:
+            path = self.equilibrium.path(newton, course.start, course.target)
+            shapes = modes.buckling(path, displacement, share, factor, asked)
+        return AtRest(factor.negative, found, shapes)
+
+    @cached_property
+    def _mass(self) -> Floats:
+        return modes.nodal_mass(self.model)
 
     def _element_fields(self, state: ElementState, displacement: Floats) -> ElementFields:
         """Add principal stresses and the direction of the major one on the deformed elements."""

@@ -67,6 +67,10 @@ class Model:
     unit_pressures: Mapping[str, Floats]
     motions: Mapping[str, PrescribedMotion]
 
+    def fabric_names(self) -> list[tuple[str, Fabric]]:
+        """The scene's fabrics with the element group of each, in the order of the structure's fabric numbers."""
+        return _fabric_list(self.scene)
+
     def nodal_loads(self, pressures: Mapping[str, float], loads: Mapping[str, float]) -> Floats:
         """(n, 3) dead nodal forces at the given load factors and fixed pressures."""
         total = np.zeros((self.structure.mesh.node_count, 3))

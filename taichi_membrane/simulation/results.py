@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,21 @@ class ElementFields:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ModeResult:
+    """Modes of a structure at rest.
+
+    :param kind: ``vibration``, with frequencies as values (one over the time unit in which density is given; negative: growth of an
+        unstable mode), or ``buckling``, with the share of the stage at which the extrapolated tangent becomes singular.
+    :param values: in the order of importance: lowest frequency, or nearest buckling load, first.
+    :param shapes: (len(values), n, 3) displacements, the largest of each being 1.
+    """
+
+    kind: Literal["vibration", "buckling"]
+    values: tuple[float, ...]
+    shapes: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
 class StepResult:
     """One load step.
 
@@ -61,6 +76,7 @@ class StepResult:
         used.
     :param limit: where the step met collapse, bounds of each pressure and load (``load.tip``) at the largest stable load; the
         step's own state is the equilibrium at the lower one.
+    :param derivatives: of each probe asked for, with respect to ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``.
     """
 
     number: int
@@ -83,6 +99,8 @@ class StepResult:
     cuts: int
     negative_pivots: int | None
     limit: dict[str, tuple[float, float]] | None
+    derivatives: dict[str, dict[str, float]]
+    modes: ModeResult | None
     seconds: float
 
 

@@ -1,0 +1,122 @@
+"""Lowest vibration modes, and linearised buckling modes, of a structure at rest; scipy's Lanczos on the tangent stiffness."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse import diags
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+
+from taichi_membrane.engine.multifrontal import Factor
+from taichi_membrane.engine.newton import Newton
+from taichi_membrane.engine.path import Path
+from taichi_membrane.engine.preparation import Floats, sum_to_nodes
+from taichi_membrane.errors import InputError
+from taichi_membrane.scene import Modes
+from taichi_membrane.simulation.model import Model
+from taichi_membrane.simulation.results import ModeResult
+
+# Share of the way to a stage's target over which the change of the tangent is measured, for linearised buckling.
+_CHANGE = 1e-4
+# Up to so many degrees of freedom dense algebra is as fast, and finds all modes.
+_DENSE = 30
+
+
+def nodal_mass(model: Model) -> Floats:
+    """(node_count,) a third of the mass of the triangles at each node."""
+    structure = model.structure
+    per_area = np.array([(fabric.density or 0.0) * fabric.thickness for _, fabric in model.fabric_names()])
+    mass = per_area[structure.tri_fabric] * structure.geometry.area
+    return sum_to_nodes(structure.mesh, np.repeat(mass / 3.0, 3)[:, None])[:, 0]
+
+
+def vibration(newton: Newton, factor: Factor, mass: Floats, asked: Modes) -> ModeResult:
+    """Small vibrations in vacuo about the present state: K φ = ω² M φ; the values are frequencies ω/2π.
+
+    A negative value stands for an unstable mode, whose growth rate over 2π it is.
+    """
+    free = newton.free.ravel()
+    stiffness, masses = _free_matrix(newton), diags(np.repeat(mass, 3)[free])
+    squared, shapes = _eigenpairs(
+        stiffness, masses, asked.count, largest=False, sigma=0.0, OPinv=_inverse(newton, factor), which="LM"
+    )
+    values = np.sign(squared) * np.sqrt(np.abs(squared)) / (2.0 * np.pi)
+    return ModeResult(kind="vibration", values=tuple(values.tolist()), shapes=_shapes(newton, shapes))
+
+
+def buckling(path: Path, position: Floats, present: float, factor: Factor, asked: Modes) -> ModeResult:
+    """Shares of the way to a stage's target at which the tangent becomes singular, extrapolated linearly: (K + μ K') φ = 0.
+
+    K' is the change of the tangent with the share, by central differences along the path's own direction. The values are
+    ``present`` + μ; only those ahead are given.
+    """
+    newton, membrane = path.newton, path.membrane
+    tangent = path.tangent(factor, present)
+    change = []
+    for sign in (1.0, -1.0):
+        membrane.set_displacement(position + sign * _CHANGE * membrane.from_frames(tangent))
+        path.apply(present + sign * _CHANGE)
+        change.append(_free_matrix(newton))
+    membrane.set_displacement(position)
+    path.apply(present)
+    stiffness = _free_matrix(newton)
+    softening = (change[1] - change[0]) / (2.0 * _CHANGE)
+    inverse, shapes = _eigenpairs(
+        softening, stiffness, asked.count, largest=True, Minv=_inverse(newton, factor), which="LA"
+    )
+    ahead = inverse > 0.0
+    values = tuple((present + 1.0 / inverse[ahead]).tolist())
+    return ModeResult(kind="buckling", values=values, shapes=_shapes(newton, shapes[:, ahead]))
+
+
+def _eigenpairs(matrix: Any, weight: Any, count: int, *, largest: bool, **lanczos: Any) -> tuple[Floats, Floats]:
+    """Lowest, or largest first, eigenpairs of A φ = μ B φ: by Lanczos, and for a few degrees of freedom by dense algebra."""
+    size = matrix.shape[0]
+    if size <= max(_DENSE, count + 1):
+        values, vectors = eigh(matrix.toarray(), weight.toarray())
+    else:
+        try:
+            values, vectors = eigsh(matrix, k=count, M=weight, v0=_start(size), **lanczos)
+        except ArpackNoConvergence as error:
+            raise InputError(
+                f"modes.count: {len(error.eigenvalues)} of {count} modes converged; ask for fewer"
+            ) from error
+    order = np.argsort(-values if largest else values)[:count]
+    return values[order], vectors[:, order]
+
+
+def _free_matrix(newton: Newton) -> Any:
+    """The present tangent over free components."""
+    free = newton.free.ravel()
+    return newton.tangent.matrix()[free][:, free]
+
+
+def _inverse(newton: Newton, factor: Factor) -> LinearOperator:
+    """Solution with the factorised tangent over free components."""
+    free = newton.free
+
+    def solve(vector: Floats) -> Floats:
+        right = np.zeros(free.shape)
+        right[free] = vector.ravel()
+        return factor.solve(right)[free]
+
+    size = int(free.sum())
+    return LinearOperator((size, size), matvec=solve, dtype=np.float64)
+
+
+def _start(size: int) -> Floats:
+    """A fixed start vector: runs repeat bit by bit."""
+    return np.random.default_rng(0).standard_normal(size)
+
+
+def _shapes(newton: Newton, vectors: Floats) -> Floats:
+    """(count, node_count, 3) mode shapes in x, y, z, the largest displacement of each being 1."""
+    shapes = np.zeros((vectors.shape[1], *newton.free.shape))
+    for shape, vector in zip(shapes, vectors.T, strict=True):
+        shape[newton.free] = vector
+        shape[:] = newton.membrane.from_frames(shape)
+        largest = shape.ravel()[np.abs(shape).argmax()]
+        shape /= largest
+    return shapes

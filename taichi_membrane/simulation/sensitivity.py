@@ -1,0 +1,104 @@
+"""Derivatives of probes with respect to loads, pressures and thicknesses by one extra solve per probe (adjoint).
+
+With F(u, θ) = 0 the out-of-balance forces and K = -∂F/∂u, a probe g(u) has dg/dθ = a·∂F/∂θ, where K a = ∂g/∂u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from taichi_membrane import scene as scenes
+from taichi_membrane.engine.multifrontal import Factor
+from taichi_membrane.engine.newton import Newton
+from taichi_membrane.engine.preparation import Floats, Ints
+from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.model import Model, group_nodes
+
+
+def derivatives(
+    model: Model, newton: Newton, factor: Factor, state: LoadState, displacement: Floats
+) -> dict[str, dict[str, float]]:
+    """Of each probe the scene names, by ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``, at the state at rest."""
+    if not model.scene.derivatives:
+        return {}
+    forces = dict(_force_derivatives(model, newton, state))
+    found = {}
+    for name in model.scene.derivatives:
+        gradient = newton.membrane.in_frames(_gradient(model, name, displacement))
+        adjoint = factor.solve(np.where(newton.free, gradient, 0.0))
+        found[name] = {parameter: float(np.vdot(adjoint, force)) for parameter, force in forces.items()}
+    return found
+
+
+def _force_derivatives(model: Model, newton: Newton, state: LoadState) -> Iterator[tuple[str, Floats]]:
+    """∂F/∂θ at free components for each parameter; the forces are linear in every one, so that differences are exact."""
+    membrane = newton.membrane
+
+    def at_free(force: Floats) -> Floats:
+        return np.where(newton.free, membrane.in_frames(force), 0.0)
+
+    for name, unit in model.unit_loads.items():
+        yield f"load.{name}", at_free(unit)
+    for name, unit in model.unit_pressures.items():
+        yield f"pressure.{name}", at_free(unit)
+    present = newton.free_force()
+    values = model.chamber_pressures(state.pressures)
+    for number, name in enumerate(model.pressure_names):
+        membrane.set_pressures(values + np.eye(len(values))[number])
+        yield f"pressure.{name}", newton.free_force() - present
+        membrane.set_pressures(values)
+    for number, (name, fabric) in enumerate(model.fabric_names()):
+        membrane.scale_thickness(number, 2.0)
+        label = "thickness" if len(model.fabric_names()) == 1 else f"thickness.{name}"
+        yield label, (newton.free_force() - present) / fabric.thickness
+        membrane.scale_thickness(number, 1.0)
+
+
+def _gradient(model: Model, name: str, displacement: Floats) -> Floats:
+    """(node_count, 3) derivative of a probe with respect to the nodal displacements."""
+    probe, mesh = model.scene.probes[name], model.structure.mesh
+    gradient = np.zeros_like(displacement)
+    if isinstance(probe, scenes.VolumeProbe):
+        return _volume_gradient(mesh.points + displacement, mesh.triangles)
+    assert isinstance(
+        probe, scenes.DisplacementProbe | scenes.RadiusProbe | scenes.RotationProbe
+    )  # the scene allows no other
+    nodes = group_nodes(mesh, probe.group, f"probes.{name}.group")
+    if isinstance(probe, scenes.DisplacementProbe):
+        if probe.component == "magnitude":
+            mean = displacement[nodes].mean(axis=0)
+            gradient[nodes] = mean / (np.linalg.norm(mean) or 1.0) / len(nodes)
+        else:
+            gradient[nodes, "xyz".index(probe.component)] = 1.0 / len(nodes)
+    elif isinstance(probe, scenes.RadiusProbe):
+        positions = (mesh.points + displacement)[nodes]
+        arms = positions - positions.mean(axis=0)
+        if probe.axis != "centre":
+            arms[:, "xyz".index(probe.axis)] = 0.0
+        unit = arms / np.linalg.norm(arms, axis=1, keepdims=True) / len(nodes)
+        gradient[nodes] = unit - unit.mean(axis=0)
+    else:
+        gradient[nodes] = _rotation_gradient(
+            mesh.points[nodes] - np.array(probe.through), displacement[nodes], np.array(probe.axis)
+        )
+    return gradient
+
+
+def _volume_gradient(points: Floats, triangles: Ints) -> Floats:
+    """∂V/∂x: a third of each triangle's area vector at its corners."""
+    corners = points[triangles]
+    vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 6.0
+    columns = [np.bincount(triangles.ravel(), weights=np.repeat(c, 3), minlength=len(points)) for c in vector.T]
+    return np.stack(columns, axis=1)
+
+
+def _rotation_gradient(arms: Floats, displacement: Floats, axis: Floats) -> Floats:
+    """Derivative of the mean rotation, atan2(Σ (b×a)·n, Σ b·a) in degrees: b, a the arms before and after, across the axis n."""
+    unit = axis / np.linalg.norm(axis)
+    before = arms - np.outer(arms @ unit, unit)
+    after = arms + displacement - np.outer((arms + displacement) @ unit, unit)
+    sine, cosine = float((np.cross(before, after) @ unit).sum()), float((before * after).sum())
+    d_sine, d_cosine = np.cross(unit, before), before
+    return np.rad2deg((cosine * d_sine - sine * d_cosine) / (sine**2 + cosine**2))
