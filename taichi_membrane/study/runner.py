@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.reader import SUMMARY
 from taichi_membrane.study.plan import Case, Plan
 
@@ -167,9 +168,8 @@ def _run(case: Case, runs_folder: Path, jobs: int, budget: float | None, stop: t
         jobs=jobs,
         budget=budget,
     )
-    temporary = record_file.with_suffix(".tmp")
-    temporary.write_text(json.dumps(asdict(record), indent=1) + "\n", encoding="utf-8")
-    os.replace(temporary, record_file)
+    with replacing(record_file) as temporary:
+        temporary.write_text(json.dumps(asdict(record), indent=1) + "\n", encoding="utf-8")
     return _result(case, record, summary)
 
 
