@@ -23,7 +23,7 @@ study cushion --vary mesh.along_x+mesh.along_y=8:8,16:16,32:32 --vary solver.kin
 
 # The seed's arch under a load round its crown, half way to its first wrinkle.
 study seed_arch_ring --vary mesh.around+mesh.along=12:48,16:64,24:96,32:128 --vary solver.kind=hybrid,relaxation \
-    --vary solver.tolerance=1e-4,1e-6 --set stages.load.steps=2 --set stages.load.loads.crown=500 --set 'checks=[]' \
+    --vary solver.tolerance=1e-4,1e-6 --set stages.load.steps=2 --set 'stages.load.loads={crown=500.0, foot_start=-4719.326, foot_end=-4719.326}' --set 'checks=[]' \
     --probe deflection --reference extrapolated --budget 60
 
 # The Mylar balloon: exact, so that the discretisation error is all there is once the solver is.
