@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_membrane.engine.gas import CoupledFactor, Gas
 from taichi_membrane.engine.membrane import Membrane
 from taichi_membrane.engine.multifrontal import Factor, factorise
 from taichi_membrane.engine.preparation import Floats
@@ -31,6 +32,9 @@ _ENERGY_NOISE = 1e-13
 _FIRST_PUSH, _INVERSE_ITERATIONS = 1e-3, 12
 
 
+AnyFactor = Factor | CoupledFactor
+
+
 class Newton:
     """Newton's method for one membrane; shares its fields with a relaxation, whose masses scale the shift.
 
@@ -44,7 +48,8 @@ class Newton:
         self.free: NDArray[np.bool_] = ~membrane.structure.node_held
         self.shift = 0.0
         self.definite = True
-        self._kept: tuple[Floats, Floats, Factor] | None = None
+        self.gas: Gas | None = None
+        self._kept: tuple[Floats, Floats, AnyFactor] | None = None
 
     def compile(self) -> None:
         """Compile the assembly kernels."""
@@ -66,7 +71,7 @@ class Newton:
         started = time.perf_counter()
         self.shift, self.definite = 0.0, True
         position = self.membrane.displacement()
-        energy = self.membrane.potential_energy(loads)[0]
+        energy = self._settled_energy(loads)
         residual, reason, iteration = np.inf, "iteration limit", 0
         for iteration in range(max_iterations + 1):
             force = self.free_force()
@@ -104,11 +109,25 @@ class Newton:
         """(node_count, 3) out-of-balance forces at free components."""
         return np.where(self.free, self.membrane.in_frames(self.membrane.out_of_balance()), 0.0)
 
-    def factorised(self, *, indefinite: bool = False) -> Factor | None:
+    def factorised(self, *, indefinite: bool = False) -> AnyFactor | None:
         """The present tangent, factorised; see :func:`multifrontal.factorise`."""
-        return factorise(self.tangent.elimination, self.tangent.assemble(), indefinite=indefinite)
+        factor = factorise(self.tangent.elimination, self.tangent.assemble(), indefinite=indefinite)
+        return factor if factor is None or self.gas is None else self.gas.coupled(factor)
 
-    def at_rest(self) -> Factor | None:
+    def _settled_energy(self, loads: Floats) -> float:
+        """Potential energy at the present displacements, with the pressures of closed chambers set to what they are there."""
+        if self.gas is None:
+            return self.membrane.potential_energy(loads)[0]
+        self.gas.settle()
+        return self.membrane.potential_energy(loads)[0] + self.gas.energy()
+
+    def _return(self, position: Floats) -> None:
+        """Go back to displacements, and pressures, that a trial step has left."""
+        self.membrane.set_displacement(position)
+        if self.gas is not None:
+            self.gas.settle()
+
+    def at_rest(self) -> AnyFactor | None:
         """The factorised tangent at the present state, indefinite or not; None where it is singular.
 
         It is kept, so that a load step that starts from here need not factorise again.
@@ -117,7 +136,7 @@ class Newton:
         self._kept = None if factor is None else (self.membrane.displacement(), self.membrane.pressures(), factor)
         return factor
 
-    def _factor_at_rest(self, position: Floats) -> Factor | None:
+    def _factor_at_rest(self, position: Floats) -> AnyFactor | None:
         """What :meth:`at_rest` kept, where it is still the tangent of this state."""
         kept, self._kept = self._kept, None
         if kept is None or not (
@@ -131,13 +150,14 @@ class Newton:
         at_rest = self._factor_at_rest(position)
         blocks: Floats | None = None
         while self.shift <= _LARGEST_SHIFT:
-            factor: Factor | None
+            factor: AnyFactor | None
             if at_rest is not None and self.shift == 0.0:
                 factor = at_rest if at_rest.negative == 0 else None
             else:
                 blocks = self.tangent.assemble() if blocks is None else blocks
                 shift = self.shift * self._stiffness_bound() if self.shift > 0.0 else None
-                factor = factorise(self.tangent.elimination, blocks, shift)
+                definite = factorise(self.tangent.elimination, blocks, shift)
+                factor = definite if definite is None or self.gas is None else self.gas.coupled(definite)
             if factor is None:
                 self.definite = False
             else:
@@ -147,7 +167,7 @@ class Newton:
                     self._adapt_shift(fraction)
                     return position, energy
             self.shift = max(_SMALLEST_SHIFT, _SHIFT_FACTOR * self.shift)
-        self.membrane.set_displacement(position)
+        self._return(position)
         return None
 
     def _leave_saddle(self, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float] | None:
@@ -169,12 +189,12 @@ class Newton:
             while fraction <= 1.0:
                 trial = position + sign * fraction * step
                 self.membrane.set_displacement(trial)
-                reached = self.membrane.potential_energy(loads)[0]
+                reached = self._settled_energy(loads)
                 if reached >= (energy if best is None else best[1]):
                     break
                 best = (trial, reached)
                 fraction *= 2.0
-        self.membrane.set_displacement(position if best is None else best[0])
+        self._return(position if best is None else best[0])
         return best
 
     def _softest_mode(self, blocks: Floats, bound: Floats) -> Floats:
@@ -216,9 +236,9 @@ class Newton:
         while fraction >= _SHORTEST:
             trial = position + fraction * step
             self.membrane.set_displacement(trial)
-            reached = self.membrane.potential_energy(loads)[0]
+            reached = self._settled_energy(loads)
             if np.isfinite(reached) and reached <= energy - _DECREASE * fraction * slope + noise:
                 return trial, reached, fraction
             fraction *= 0.5
-        self.membrane.set_displacement(position)
+        self._return(position)
         return None

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_membrane.engine.multifrontal import Factor
-from taichi_membrane.engine.newton import Newton
+from taichi_membrane.engine.newton import AnyFactor, Newton
 from taichi_membrane.engine.preparation import Floats
 
 # A step that takes few iterations is followed by a longer one, one that takes many by a shorter one.
@@ -133,7 +132,7 @@ class Path:
             residual=residual,
         )
 
-    def tangent(self, stiffness: Factor, factor: float) -> Floats:
+    def tangent(self, stiffness: AnyFactor, factor: float) -> Floats:
         """(node_count, 3) du/dλ at the present equilibrium, from its factorised tangent stiffness."""
         return stiffness.solve(self._unit_force(factor))
 

@@ -124,11 +124,15 @@ class Fabric(Model):
 class Pressure(Model):
     """A surface that pressure acts on, by element group.
 
-    ``follower`` pressure stays normal to the moving surface; ``fixed`` keeps direction and size of the unstressed shape.
+    ``follower`` pressure stays normal to the moving surface; ``fixed`` keeps direction and size of the unstressed shape. Pressures
+    are above ``ambient``, the absolute pressure outside, which only stages that shut the valve (``closed``) need; the gas then
+    keeps p_abs Vⁿ with n = ``exponent``: 1 at constant temperature, 1.4 for air that exchanges no heat.
     """
 
     group: str = "all"
     kind: Literal["follower", "fixed"] = "follower"
+    ambient: Positive | None = None
+    exponent: Annotated[float, Field(ge=1, le=2)] = 1.0
 
 
 class Load(Model):
@@ -150,7 +154,8 @@ class Stage(Model):
 
     What is not named keeps its value. ``until = "collapse"``: the stage is meant to meet its largest stable load on the way; the
     run then goes on to the next stage from there. ``control = "arc_length"`` follows the equilibrium path in at most ``steps``
-    steps, through limit points, until the stage's values are reached; needs Newton, and no motion that changes.
+    steps, through limit points, until the stage's values are reached; needs Newton, and no motion that changes. ``closed`` names
+    pressures whose valve is shut from the stage's start to its end: they follow their volume.
     """
 
     name: Name
@@ -160,6 +165,7 @@ class Stage(Model):
     motions: dict[Name, Finite] = {}
     control: Literal["load", "arc_length"] = "load"
     until: Literal["target", "collapse"] = "target"
+    closed: list[Name] = []
 
     @property
     def may_end_early(self) -> bool:
@@ -314,6 +320,7 @@ class Scene(Model):
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
         for stage in self.stages:
+            self._check_closed(stage)
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
                 raise ValueError(f"stages.{stage.name}.control = 'arc_length' needs solver.kind 'hybrid' or 'newton'")
             for load in stage.loads:
@@ -367,6 +374,22 @@ class Scene(Model):
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self
+
+    def _check_closed(self, stage: Stage) -> None:
+        """Refuse a stage that shuts a valve it cannot shut."""
+        for name in stage.closed:
+            key = f"stages.{stage.name}.closed"
+            _known(name, self.pressures, key, "a pressure")
+            if self.pressures[name].ambient is None or self.pressures[name].kind != "follower":
+                raise ValueError(f"{key}: pressures.{name} needs ambient, and kind 'follower', to follow its volume")
+            if stage.pressure is not None and (not isinstance(stage.pressure, dict) or name in stage.pressure):
+                raise ValueError(f"{key}: pressure {name!r} cannot be shut and set in one stage")
+            if self.solver.kind == "relaxation":
+                raise ValueError(f"{key}: a shut chamber needs solver.kind 'hybrid' or 'newton'")
+            if self.modes is not None and self.modes.stage in (None, stage.name):
+                raise ValueError(
+                    f"{key}: modes of shut chambers are not implemented; name another stage in modes.stage"
+                )
 
 
 def _known(name: str, allowed: object, key: str, noun: str) -> None:

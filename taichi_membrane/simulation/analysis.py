@@ -46,6 +46,7 @@ class Analysis:
         number = 0
         for stage in self.model.scene.stages:
             course = Course(state, stage_target(state, stage))
+            self.equilibrium.shut(stage.closed, state)
             run_stage = self._arc_length_stage if stage.control == "arc_length" else self._load_stage
             for result in run_stage(number, stage, course, progress):
                 yield result

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taichi_membrane.engine import runtime
+from taichi_membrane.engine.gas import Chamber, Gas
 from taichi_membrane.engine.membrane import Membrane
 from taichi_membrane.engine.newton import Newton
 from taichi_membrane.engine.path import Path, PathEnd, PathPoint, follow
@@ -51,6 +52,7 @@ class Equilibrium:
         self.kind = solver_kind(model)
         self.newton = Newton(self.membrane, self.relaxation) if self.kind != "relaxation" else None
         settings = model.scene.solver
+        self.gas: Gas | None = None
         self.tolerance = settings.tolerance or _DEFAULT_TOLERANCE[runtime.current().precision]
 
     def compile(self) -> None:
@@ -64,13 +66,45 @@ class Equilibrium:
 
     def apply(self, state: LoadState) -> None:
         """Set pressures, loads and prescribed displacements."""
-        self._press(state)
         if self.model.motions:
             self.membrane.set_displacement(self.model.moved(self.membrane.displacement(), state.motions))
+        self._press(state)
 
     def _press(self, state: LoadState) -> None:
         self.membrane.set_pressures(self.model.chamber_pressures(state.pressures))
         self.membrane.set_loads(self.model.nodal_loads(state.pressures, state.loads))
+        if self.gas is not None:
+            self.gas.settle()
+
+    def shut(self, names: Sequence[str], state: LoadState) -> None:
+        """Shut the valves of the named chambers at the present state, a load state's equilibrium, and open all others."""
+        swept = self.membrane.swept_volumes(self.membrane.displacement())
+        chambers = []
+        for name in names:
+            pressure, number = self.model.scene.pressures[name], self.model.pressure_names.index(name)
+            triangles, rest_volume = self.model.enclosing(number)
+            chambers.append(
+                Chamber(
+                    number=number,
+                    triangles=triangles,
+                    rest_volume=rest_volume,
+                    ambient=pressure.ambient or 0.0,
+                    exponent=pressure.exponent,
+                    volume=rest_volume + float(swept[triangles].sum()),
+                    pressure=state.pressures[name],
+                )
+            )
+        self.gas = Gas(self.membrane, tuple(chambers)) if chambers else None
+        if self.newton is not None:
+            self.newton.gas = self.gas
+
+    def pressures(self, state: LoadState) -> dict[str, float]:
+        """The pressures of a load state; those of shut chambers as they now are."""
+        if self.gas is None:
+            return state.pressures
+        now = self.membrane.pressures()
+        shut = {self.model.pressure_names[one.number]: float(now[one.number]) for one in self.gas.chambers}
+        return {**state.pressures, **shut}
 
     def step(self, before: LoadState, after: LoadState, report: Report) -> Outcome:
         """Go from an equilibrium at ``before`` to one at ``after``, or as far as there is a stable one.
@@ -107,7 +141,8 @@ class Equilibrium:
         parts: list[SolveRecord] = []
         for dose in doses:
             parts.append(self._relax(reference, min(dose, limit), report))
-            if parts[-1].converged or parts[-1].reason == "not finite":
+            balanced = parts[-1].converged and self.gas is None  # relaxation keeps pressures as they are
+            if balanced or parts[-1].reason == "not finite":
                 break
             start = self.membrane.displacement()
             parts.append(self._newton(self.newton, state, reference, _NEWTON_PATIENCE, report))
@@ -235,6 +270,8 @@ def solver_kind(model: Model) -> str:
     if model.scene.modes is not None or model.scene.derivatives:
         raise InputError(f"modes and derivatives need Newton's tangent: {hindrance}")
     for stage in model.scene.stages:
+        if stage.closed:
+            raise InputError(f"stages.{stage.name}.closed needs Newton: {hindrance}")
         if stage.control == "arc_length":
             raise InputError(f"stages.{stage.name}.control = 'arc_length' needs Newton: {hindrance}; use 'load'")
     return "relaxation"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -59,6 +59,7 @@ class Measure:
         """
         state = course.at(share)
         self.equilibrium.apply(state)
+        state = replace(state, pressures=self.equilibrium.pressures(state))
         displacement = self.membrane.displacement()
         elements = self._element_fields(self.membrane.element_state(), displacement)
         dead = self.model.nodal_loads(state.pressures, state.loads)
@@ -66,6 +67,8 @@ class Measure:
         reaction = self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0))
         volume = self._rest_volume + float(self.membrane.swept_volumes(displacement).sum())
         energy = self.membrane.potential_energy(dead)[0] if self._has_energy else None
+        if energy is not None and self.equilibrium.gas is not None:
+            energy += self.equilibrium.gas.energy()
         at_rest = self._at_rest(stage, course, share) if record.converged else AtRest()
         return StepResult(
             number=number,
@@ -103,7 +106,8 @@ class Measure:
         if factor is None:
             return AtRest()
         displacement = self.membrane.displacement()
-        found = sensitivity.derivatives(self.model, newton, factor, course.at(share), displacement)
+        shut = () if self.equilibrium.gas is None else tuple(one.number for one in self.equilibrium.gas.chambers)
+        found = sensitivity.derivatives(self.model, newton, factor, displacement, shut)
         shapes = None
         if asked is not None and asked.kind == "vibration":
             shapes = modes.vibration(newton, factor, self._mass, asked)

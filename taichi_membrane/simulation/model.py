@@ -17,6 +17,7 @@ from taichi_membrane.engine.preparation import FabricConstants, Floats, Ints
 from taichi_membrane.engine.structure import Structure
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
+from taichi_membrane.mesh.topology import edge_table
 from taichi_membrane.scene import Fabric, Load, Rotation, Scene, Translation
 
 _SHAPES: dict[str, Callable[..., Mesh]] = {
@@ -70,6 +71,13 @@ class Model:
     def fabric_names(self) -> list[tuple[str, Fabric]]:
         """The scene's fabrics with the element group of each, in the order of the structure's fabric numbers."""
         return _fabric_list(self.scene)
+
+    def enclosing(self, chamber: int) -> tuple[Ints, float]:
+        """Numbers of the triangles that a follower pressure acts on, and the volume they enclose at rest."""
+        mesh = self.structure.mesh
+        triangles = np.flatnonzero(self.structure.tri_chamber == chamber)
+        corners = mesh.points[mesh.triangles[triangles]] - mesh.points.mean(axis=0)
+        return triangles, float(np.linalg.det(corners).sum() / 6.0)
 
     def nodal_loads(self, pressures: Mapping[str, float], loads: Mapping[str, float]) -> Floats:
         """(n, 3) dead nodal forces at the given load factors and fixed pressures."""
@@ -266,10 +274,10 @@ def _turned(direction: Floats, normals: Floats, angle: float) -> Floats:
 
 
 def _pressure_used(scene: Scene, name: str) -> bool:
-    """Whether any stage gives this pressure a value other than zero; one that none does is left out of the model."""
+    """Whether any stage gives this pressure a value other than zero, or shuts it; others are left out of the model."""
     for stage in scene.stages:
         value = stage.pressure.get(name) if isinstance(stage.pressure, dict) else stage.pressure
-        if value:
+        if value or name in stage.closed:
             return True
     return False
 
@@ -284,9 +292,23 @@ def _chambers(scene: Scene, mesh: Mesh) -> tuple[Ints, tuple[str, ...]]:
         if np.any(chamber[elements] >= 0):
             other = names[chamber[elements].max()]
             raise InputError(f"pressures.{name}: group {pressure.group!r} overlaps that of pressure {other!r}")
+        if any(name in stage.closed for stage in scene.stages):
+            _check_closed(mesh, elements, name)
         chamber[elements] = len(names)
         names.append(name)
     return chamber, tuple(names)
+
+
+def _check_closed(mesh: Mesh, elements: Ints, name: str) -> None:
+    """Refuse to shut a chamber whose elements leave a hole.
+
+    :raises InputError: with the number of free edges.
+    """
+    free = int((edge_table(mesh.triangles[elements], mesh.node_count).tri_count == 1).sum())
+    if free:
+        raise InputError(
+            f"pressures.{name}: a chamber that is shut must have no hole, but its {len(elements)} elements have {free} free edges"
+        )
 
 
 def _held(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats | None]:

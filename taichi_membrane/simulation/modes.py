@@ -9,8 +9,7 @@ from scipy.linalg import eigh
 from scipy.sparse import diags
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from taichi_membrane.engine.multifrontal import Factor
-from taichi_membrane.engine.newton import Newton
+from taichi_membrane.engine.newton import AnyFactor, Newton
 from taichi_membrane.engine.path import Path
 from taichi_membrane.engine.preparation import Floats, sum_to_nodes
 from taichi_membrane.errors import InputError
@@ -32,7 +31,7 @@ def nodal_mass(model: Model) -> Floats:
     return sum_to_nodes(structure.mesh, np.repeat(mass / 3.0, 3)[:, None])[:, 0]
 
 
-def vibration(newton: Newton, factor: Factor, mass: Floats, asked: Modes) -> ModeResult:
+def vibration(newton: Newton, factor: AnyFactor, mass: Floats, asked: Modes) -> ModeResult:
     """Small vibrations in vacuo about the present state: K φ = ω² M φ; the values are frequencies ω/2π.
 
     A negative value stands for an unstable mode, whose growth rate over 2π it is.
@@ -46,7 +45,7 @@ def vibration(newton: Newton, factor: Factor, mass: Floats, asked: Modes) -> Mod
     return ModeResult(kind="vibration", values=tuple(values.tolist()), shapes=_shapes(newton, shapes))
 
 
-def buckling(path: Path, position: Floats, present: float, factor: Factor, asked: Modes) -> ModeResult:
+def buckling(path: Path, position: Floats, present: float, factor: AnyFactor, asked: Modes) -> ModeResult:
     """Shares of the way to a stage's target at which the tangent becomes singular, extrapolated linearly: (K + μ K') φ = 0.
 
     K' is the change of the tangent with the share, by central differences along the path's own direction. The values are
@@ -93,7 +92,7 @@ def _free_matrix(newton: Newton) -> Any:
     return newton.tangent.matrix()[free][:, free]
 
 
-def _inverse(newton: Newton, factor: Factor) -> LinearOperator:
+def _inverse(newton: Newton, factor: AnyFactor) -> LinearOperator:
     """Solution with the factorised tangent over free components."""
     free = newton.free
 

@@ -5,25 +5,26 @@ With F(u, θ) = 0 the out-of-balance forces and K = -∂F/∂u, a probe g(u) has
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
 from taichi_membrane import scene as scenes
-from taichi_membrane.engine.multifrontal import Factor
-from taichi_membrane.engine.newton import Newton
+from taichi_membrane.engine.newton import AnyFactor, Newton
 from taichi_membrane.engine.preparation import Floats, Ints
-from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import Model, group_nodes
 
 
 def derivatives(
-    model: Model, newton: Newton, factor: Factor, state: LoadState, displacement: Floats
+    model: Model, newton: Newton, factor: AnyFactor, displacement: Floats, shut: Collection[int]
 ) -> dict[str, dict[str, float]]:
-    """Of each probe the scene names, by ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``, at the state at rest."""
+    """Of each probe the scene names, by ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``, at the state at rest.
+
+    :param shut: numbers of the chambers whose pressure follows their volume.
+    """
     if not model.scene.derivatives:
         return {}
-    forces = dict(_force_derivatives(model, newton, state))
+    forces = dict(_force_derivatives(model, newton, shut))
     found = {}
     for name in model.scene.derivatives:
         gradient = newton.membrane.in_frames(_gradient(model, name, displacement))
@@ -32,7 +33,7 @@ def derivatives(
     return found
 
 
-def _force_derivatives(model: Model, newton: Newton, state: LoadState) -> Iterator[tuple[str, Floats]]:
+def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> Iterator[tuple[str, Floats]]:
     """∂F/∂θ at free components for each parameter; the forces are linear in every one, so that differences are exact."""
     membrane = newton.membrane
 
@@ -44,8 +45,10 @@ def _force_derivatives(model: Model, newton: Newton, state: LoadState) -> Iterat
     for name, unit in model.unit_pressures.items():
         yield f"pressure.{name}", at_free(unit)
     present = newton.free_force()
-    values = model.chamber_pressures(state.pressures)
+    values = membrane.pressures()
     for number, name in enumerate(model.pressure_names):
+        if number in shut:
+            continue  # not prescribed
         membrane.set_pressures(values + np.eye(len(values))[number])
         yield f"pressure.{name}", newton.free_force() - present
         membrane.set_pressures(values)
