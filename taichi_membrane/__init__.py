@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from taichi_membrane.scene import Scene
     from taichi_membrane.scene.file import load_scene
     from taichi_membrane.simulation.results import RunResult
-    from taichi_membrane.simulation.run import run
+    from taichi_membrane.simulation.run import resume, run
 
 # Where each public name lives; looked up on first use, so that the command line starts before NumPy and SciPy are needed.
 _HOME = {
@@ -24,10 +24,11 @@ _HOME = {
     "RunResult": "simulation.results",
     "Scene": "scene",
     "load_scene": "scene.file",
+    "resume": "simulation.run",
     "run": "simulation.run",
 }
 
-__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "run"]
+__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "resume", "run"]
 
 
 def __getattr__(name: str) -> Any:

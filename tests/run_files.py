@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +16,14 @@ from taichi_membrane.names import Outcome
 from taichi_membrane.output.writer import Writer
 from taichi_membrane.scene import Scene
 from taichi_membrane.shapes import panel
-from taichi_membrane.simulation.results import CheckResult, ElementFields, ModeResult, RunResult, StepResult
+from taichi_membrane.simulation.results import (
+    CheckResult,
+    ElementFields,
+    ModeResult,
+    RunResult,
+    Settings,
+    StepResult,
+)
 
 SCENE = Scene.model_validate(
     {
@@ -51,6 +61,8 @@ def a_mesh() -> Mesh:
 
 
 MESH = a_mesh()
+SETTINGS = Settings(precision="f32", threads=2)
+PROVENANCE = {"arch": "x64", "threads": 2}
 FABRIC = np.arange(MESH.tri_count, dtype=np.int32) % 2
 
 
@@ -99,7 +111,7 @@ def a_step(number: int, **changes: Any) -> StepResult:
 
 
 def a_writer(directory: Path) -> Writer:
-    return Writer(directory, SCENE, MESH, provenance={"arch": "x64", "threads": 2}, tri_fabric=FABRIC)
+    return Writer(directory, SCENE, MESH, settings=SETTINGS, provenance=PROVENANCE, tri_fabric=FABRIC)
 
 
 def a_result(steps: list[StepResult], directory: Path) -> RunResult:
@@ -120,6 +132,25 @@ def a_run(directory: Path, steps: list[StepResult]) -> list[Path]:
     for step in steps:
         writer.write_step(step, {"solve": 1.0})
     return writer.finish(a_result(steps, directory))
+
+
+def outcome(directory: Path) -> dict[str, Any]:
+    """All files of a run without what the clock says: the bytes of each, the rows of the history, the summary's content."""
+    files: dict[str, Any] = {path.name: path.read_bytes() for path in directory.iterdir()}
+    if "history.csv" in files:
+        rows = list(csv.DictReader(io.StringIO(files["history.csv"].decode())))
+        files["history.csv"] = [{key: value for key, value in row.items() if key != "seconds"} for row in rows]
+    summary = json.loads(files["summary.json"])
+    for record in [summary, *summary["steps"]]:
+        del record["seconds"]
+    del summary["sha256"]
+    files["summary.json"] = json.dumps(summary)  # as text, so that the order of keys counts
+    return files
+
+
+def different(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
+    """Names of the files in which two outcomes differ."""
+    return sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
 
 
 def same(a: Any, b: Any) -> bool:

@@ -95,7 +95,7 @@ def test_a_good_run_ends_with_0_and_its_files(scene: str, runtime_cpu: Runtime) 
     assert (
         "wrote renders/ball: summary.json, history.csv, steps.pvd, mesh.vtu, step_0000.vtu … step_0001.vtu" in written
     )
-    assert len(read_run(Path("renders/ball"))[2]) == 2
+    assert len(read_run(Path("renders/ball")).steps) == 2
     phases = ["reading the mesh …", "starting Taichi …", "compiling kernels …", "solving …"]
     lines = done.stderr.splitlines()
     assert lines[:4] == phases
@@ -118,7 +118,7 @@ def test_a_step_that_does_not_converge_ends_with_3_whatever_the_checks_say(scene
     assert "NOT CONVERGED: load step 0 (inflate 1/2): no equilibrium found" in done.stdout
     assert "CHECK FAILS: radius at inflate 2: not reached" in done.stdout
     assert "inflate 1/2: NOT CONVERGED, 3 iterations" in done.stderr
-    steps = read_run(Path("renders/ball"))[2]
+    steps = read_run(Path("renders/ball")).steps
     assert [step.converged for step in steps] == [False]
 
 
@@ -256,7 +256,7 @@ def test_ctrl_c_ends_with_130_and_keeps_the_steps_that_were_done(scene: str, tmp
     assert not any("Traceback" in line for line in lines)
     folder = tmp_path / "renders" / "ball"
     # A signal between a step's end and its report leaves one step more than was reported.
-    assert 3 <= int(kept[1]) <= len(read_run(folder)[2]) <= int(kept[1]) + 1
+    assert 3 <= int(kept[1]) <= len(read_run(folder).steps) <= int(kept[1]) + 1
     assert json.loads((folder / "summary.json").read_text("utf-8"))["complete"] is False
     assert not list(folder.glob(".*"))
 

@@ -16,13 +16,15 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 import pytest
-from run_files import FABRIC, MESH, SCENE, a_result, a_run, a_step, a_writer, same
+from run_files import FABRIC, MESH, PROVENANCE, SCENE, SETTINGS, a_result, a_run, a_step, a_writer, same
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.output import atomic
 from taichi_membrane.output import writer as output
 from taichi_membrane.output.reader import read_run
+from taichi_membrane.output.writer import Writer
 from taichi_membrane.scene import Scene
+from taichi_membrane.shapes import tube
 
 
 def strict_json(path: Path) -> Any:
@@ -41,17 +43,28 @@ def test_a_run_is_read_back_to_the_last_bit(tmp_path: Path) -> None:
         a_step(2, converged=False, reason="stagnated", residual=float("nan")),
     ]
     a_run(tmp_path / "run", steps)
-    scene, mesh, read = read_run(tmp_path / "run")
+    saved = read_run(tmp_path / "run")
+    scene, mesh, read = saved.scene, saved.mesh, saved.steps
     assert scene == SCENE
+    assert saved.settings == SETTINGS
+    assert saved.provenance == PROVENANCE
+    assert saved.seconds == {"compile": 1.0}
+    assert saved.complete
     assert same(mesh.points, MESH.points)
     assert same(mesh.triangles, MESH.triangles)
     assert same(dict(mesh.node_groups), dict(MESH.node_groups))
     assert same(dict(mesh.tri_groups), dict(MESH.tri_groups))
-    assert mesh.tri_warp is not None
-    # Mesh.build projects and normalises the directions again: round-off of unit vectors.
-    np.testing.assert_allclose(mesh.tri_warp, MESH.tri_warp, atol=1e-15)
+    assert same(mesh.tri_warp, MESH.tri_warp)
     assert len(read) == 3
     assert all(same(a, b) for a, b in zip(steps, read, strict=True))
+
+
+def test_warp_directions_are_read_back_to_the_last_bit(tmp_path: Path) -> None:
+    """Unit vectors askew to the axes, which made unit once more would change."""
+    mesh = tube(radius=25.0, length=100.0, around=8, along=6)
+    fabric = np.zeros(mesh.tri_count, dtype=np.int32)
+    Writer(tmp_path, SCENE, mesh, settings=SETTINGS, provenance=PROVENANCE, tri_fabric=fabric)
+    assert same(read_run(tmp_path).mesh.tri_warp, mesh.tri_warp)
 
 
 def test_paraview_gets_reference_points_a_displacement_vector_and_all_fields(tmp_path: Path) -> None:
@@ -112,7 +125,8 @@ def test_summary_is_strict_json_with_what_a_reader_needs(tmp_path: Path) -> None
     assert summary["complete"] is True  # it ended by itself
     assert summary["converged"] is False
     assert summary["passed"] is False
-    assert summary["provenance"] == {"arch": "x64", "threads": 2}
+    assert summary["provenance"] == PROVENANCE
+    assert summary["settings"] == {"arch": "cpu", "precision": "f32", "threads": 2}
     assert summary["seconds"] == {"compile": 1.0}
     assert summary["checks"][0]["value"] is None
     assert summary["mesh"]["node_count"] == MESH.node_count
@@ -126,11 +140,11 @@ def test_summary_is_strict_json_with_what_a_reader_needs(tmp_path: Path) -> None
 
 def test_every_step_leaves_a_run_that_can_be_read_and_is_not_complete(tmp_path: Path) -> None:
     writer = a_writer(tmp_path)
-    assert read_run(tmp_path)[2] == []
+    assert read_run(tmp_path).steps == ()
     for number in range(3):
         paths = writer.write_step(a_step(number), {})
         assert [path.name for path in paths] == [f"step_{number:04d}.vtu", "history.csv", "steps.pvd", "summary.json"]
-        assert len(read_run(tmp_path)[2]) == number + 1
+        assert len(read_run(tmp_path).steps) == number + 1
         assert strict_json(tmp_path / "summary.json")["complete"] is False
     writer.finish(
         a_result([a_step(k) for k in range(2)], tmp_path)
@@ -214,13 +228,13 @@ def test_an_interrupt_at_any_replacement_leaves_a_readable_run(
     assert len(done) == stop
     monkeypatch.undo()
     assert not list(tmp_path.glob(".*"))  # no temporary files
-    read = read_run(tmp_path)[2]
+    read = read_run(tmp_path).steps
     assert len(read) == stop // 4  # a step counts once its summary, the last of four files, is in place
     assert all(same(a, b) for a, b in zip(steps, read, strict=False))
     # What run() does next: hand over all steps that were computed, including one whose writing was cut short.
     begun = steps[: stop // 4 + 1]
     writer.finish(a_result(begun, tmp_path))
-    assert all(same(a, b) for a, b in zip(begun, read_run(tmp_path)[2], strict=True))
+    assert all(same(a, b) for a, b in zip(begun, read_run(tmp_path).steps, strict=True))
     with (tmp_path / "history.csv").open(encoding="utf-8") as file:
         assert len(list(csv.reader(file))) == 1 + len(begun)
 
@@ -242,7 +256,7 @@ writer.write_step(a_step(1), {})
     run = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, check=False)
     assert run.returncode == 9
     assert [path.name.split(".")[1] for path in tmp_path.glob(".*")] == ["step_0001"]
-    assert same(read_run(tmp_path)[2][0], a_step(0))
+    assert same(read_run(tmp_path).steps[0], a_step(0))
     a_run(tmp_path, [a_step(2)])
     assert not list(tmp_path.glob(".*"))
 

@@ -1,14 +1,15 @@
 """The command ``taichi-membrane``: run, check and draw scenes; verify the mechanics.
 
 Results go to standard output, progress and errors to standard error. Exit codes: 0 all well, 1 a check of the scene fails, 2 bad
-input, 3 a load step did not converge, 4 the structure collapses before its last load, 130 interrupted.
+input or a file that cannot be written, 3 a load step did not converge, 4 the structure collapses before its last load, 130
+interrupted.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -23,7 +24,9 @@ from taichi_membrane.names import Arch, Precision
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taichi_membrane.scene import Camera
+    from taichi_membrane.scene import Camera, Scene
+    from taichi_membrane.simulation.observer import Observer
+    from taichi_membrane.simulation.results import RunResult
 
 # Modules that take long to import (NumPy, pydantic, rich) are imported by the commands that need them: help is instant.
 
@@ -88,7 +91,14 @@ def _naming(path: Path) -> Iterator[None]:
 
 @app.command()
 def run(
-    scene: SceneArgument,
+    context: typer.Context,
+    scene: Annotated[
+        str | None, typer.Argument(metavar="SCENE", help="A scene file, or the name of a shipped scene.")
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Go on with the run in DIR that was stopped; takes no SCENE and no settings."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Output folder.", show_default="renders/NAME of the scene")
     ] = None,
@@ -101,11 +111,14 @@ def run(
 ) -> None:
     """Solve the load steps of a scene, write and draw them.
 
-    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input, 3 a load step did not converge, 4 the
-    structure collapses before its last load.
+    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input or a file that cannot be written, 3 a load
+    step did not converge, 4 the structure collapses before its last load.
     """
-    from taichi_membrane.commands import report
-    from taichi_membrane.commands.progress import ProgressView
+    if resume is not None:
+        _go_on(context, resume, render, quiet)
+        return
+    if scene is None:
+        raise typer.BadParameter("a scene, or --resume DIR", ctx=context, param_hint="SCENE")
     from taichi_membrane.output.writer import check_directory
     from taichi_membrane.scene import file as scene_file
     from taichi_membrane.simulation.run import run as run_scene
@@ -114,10 +127,10 @@ def run(
     model = scene_file.load_scene(path, overrides or ())
     directory = out or Path("renders") / model.name
     check_directory(directory)  # now rather than after minutes of work
-    view = ProgressView(model, None if quiet else _console(stderr=True))
-    try:
-        with view, _naming(path):
-            result = run_scene(
+
+    def work(observer: Observer) -> RunResult:
+        with _naming(path):
+            return run_scene(
                 model,
                 out=directory,
                 base=path.parent,
@@ -125,14 +138,53 @@ def run(
                 precision=precision,
                 threads=threads,
                 render=render,
-                observer=view,
+                observer=observer,
             )
+
+    _run(work, model, directory, quiet)
+
+
+def _go_on(context: typer.Context, directory: Path, render: bool, quiet: bool) -> None:
+    """The command ``run --resume``."""
+    from taichi_membrane.output.reader import read_scene
+    from taichi_membrane.simulation.run import resume as resume_run
+
+    allowed = ("--resume", "--render", "--quiet")
+    sources = {one.opts[0]: context.get_parameter_source(str(one.name)) for one in context.command.params}
+    given = [
+        option.replace("scene", "SCENE")
+        for option, source in sources.items()
+        if option not in allowed and source is not None and source.name != "DEFAULT"
+    ]
+    if given:
+        raise InputError(
+            f"--resume {directory}: scene and settings are those of the run in that folder; leave out {', '.join(given)}"
+        )
+    _run(
+        lambda observer: resume_run(directory, render=render, observer=observer),
+        read_scene(directory),
+        directory,
+        quiet,
+    )
+
+
+def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, quiet: bool) -> None:
+    """Do the work of a run while its progress is shown; print the result, and end with the exit code of its verdict."""
+    from taichi_membrane.commands import report
+    from taichi_membrane.commands.progress import ProgressView
+
+    view = ProgressView(scene, None if quiet else _console(stderr=True))
+    try:
+        with view:
+            result = work(view)
     except KeyboardInterrupt:
-        kept = f"{len(view.steps)} load steps are kept in {directory}" if view.paths else "no load step was finished"
+        kept = f"{len(view.steps)} load steps are kept in {directory}" if view.steps else "no load step was finished"
         typer.echo(f"interrupted: {kept}", err=True)
         raise typer.Exit(INTERRUPTED) from None
     console = _console()
-    if quiet:
+    if not quiet and not view.paths:
+        typer.echo(f"{directory}: nothing is left to do, the run has ended")
+    if quiet or not view.paths:
         report.print_failed_steps(console, result)
         report.print_failed_checks(console, result)
     else:

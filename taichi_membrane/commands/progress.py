@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -62,6 +63,11 @@ class ProgressView:
             self._line.update(text=Text(f"{line} (load step {len(self.steps) + 1} of {self._step_count})"))
         elif time.monotonic() - self._last_line >= SECONDS_BETWEEN_LINES:
             self._print(f"  {line}")
+
+    def kept(self, steps: Sequence[StepResult]) -> None:
+        """Load steps that are there already."""
+        self.steps.extend(steps)
+        self._print(f"{len(steps)} of {self._step_count} load steps are there already")
 
     def step_done(self, step: StepResult) -> None:
         """A load step has ended."""

@@ -1,12 +1,18 @@
-"""Reads a finished or interrupted run back from its folder."""
+"""Reads a finished or interrupted run back from its folder.
+
+``summary.json`` carries a format version, a checksum of itself and those of ``mesh.vtu`` and of each load step's file. Only what
+agrees with them is used.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import io
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -17,26 +23,69 @@ from pydantic import ValidationError
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
+from taichi_membrane.mesh.check import frozen
+from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import first_problem
-from taichi_membrane.simulation.results import ElementFields, Floats, ModeResult, StepResult
+from taichi_membrane.simulation.results import ElementFields, Floats, ModeResult, Settings, StepResult
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 2
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 3
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
 MODE = "mode_"  # begins the name of a mode shape in a step's file
 FABRIC_AXES = ("warp", "weft", "shear")  # end the names of stress and strain arrays in a step's file
 
 
-def read_run(directory: Path) -> tuple[Scene, Mesh, list[StepResult]]:
-    """Scene, mesh and load steps of a run, as far as it came.
+@dataclass(frozen=True, kw_only=True)
+class SavedRun:
+    """A run as far as it came, to the last bit.
+
+    :param steps: whole load steps; ``records`` is what the summary has of each.
+    :param seconds: time spent in each phase so far.
+    :param complete: all is done, the last summary included; nothing is left to do. ``outcome`` then tells how it ended.
+    :param mesh_checksum: SHA-256 of mesh.vtu.
+    :param files: what the run wrote, in order.
+    """
+
+    directory: Path
+    scene: Scene
+    mesh: Mesh
+    steps: tuple[StepResult, ...]
+    settings: Settings
+    provenance: dict[str, Any]
+    seconds: dict[str, float]
+    complete: bool
+    outcome: Outcome
+    records: tuple[dict[str, Any], ...]
+    mesh_checksum: str
+    files: tuple[Path, ...]
+
+
+def read_run(directory: Path) -> SavedRun:
+    """A run with its load steps, as far as it came.
 
     :raises InputError: the folder is not a run of this program, or a file of it is missing or damaged.
     """
     summary = _summary(directory)
     scene = _scene(directory, summary)
-    mesh = _mesh(directory / MESH)
-    return scene, mesh, [_step(directory, mesh, record) for record in _records(directory, summary)]
+    with _damage_told(directory):
+        mesh_checksum = str(summary["mesh"]["sha256"])
+        records = tuple(dict(record) for record in summary["steps"])
+        mesh = _mesh(directory / MESH, mesh_checksum)
+        return SavedRun(
+            directory=directory,
+            scene=scene,
+            mesh=mesh,
+            steps=tuple(_step(directory, mesh, record) for record in records),
+            settings=_settings(**summary["settings"]),
+            provenance=dict(summary["provenance"]),
+            seconds=_numbers(summary["seconds"]),
+            complete=bool(summary["complete"]),
+            outcome=summary.get("outcome", "interrupted"),
+            records=records,
+            mesh_checksum=mesh_checksum,
+            files=tuple(directory / Path(name).name for name in summary["files"]),
+        )
 
 
 def read_scene(directory: Path) -> Scene:
@@ -64,6 +113,8 @@ def _summary(directory: Path) -> dict[str, Any]:
         raise InputError(f"{directory}: not the folder of a run: it has no {SUMMARY}")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
+        checksum = content.pop("sha256", None) if isinstance(content, dict) else None
+        agrees = checksum == summary_checksum(content)
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: damaged, not valid JSON: {error}") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
@@ -71,7 +122,36 @@ def _summary(directory: Path) -> dict[str, Any]:
     version = content.get("format_version")
     if version != FORMAT_VERSION:
         raise InputError(f"{path}: format version {version!r}, but this program reads version {FORMAT_VERSION}")
+    if not agrees:
+        raise InputError(f"{path}: damaged or changed: its checksum is not that of its content")
     return content
+
+
+def summary_checksum(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a summary's content, apart from the checksum itself."""
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def file_checksum(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextlib.contextmanager
+def _damage_told(directory: Path) -> Iterator[None]:
+    """Tell what a summary lacks, or has of the wrong kind."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise InputError(f"{directory / SUMMARY}: damaged: {type(error).__name__}: {error}") from error
+
+
+def _settings(arch: Any, precision: Any, threads: Any) -> Settings:
+    """What the run was asked for; the names are checked where Taichi is started."""
+    return Settings(arch=arch, precision=precision, threads=None if threads is None else int(threads))
 
 
 def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
@@ -83,27 +163,23 @@ def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
         raise InputError(f"{directory / SUMMARY}: damaged scene: {problem}") from None
 
 
-def _records(directory: Path, summary: dict[str, Any]) -> list[dict[str, Any]]:
-    records = summary.get("steps")
-    if not isinstance(records, list) or not all(isinstance(record, dict) for record in records):
-        raise InputError(f"{directory / SUMMARY}: damaged: no list of load steps")
-    return records
-
-
-def _mesh(path: Path) -> Mesh:
-    content = _read_vtu(path)
+def _mesh(path: Path, checksum: str) -> Mesh:
+    content = _read_vtu(path, checksum)
     cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
     triangles = content.cells_dict.get("triangle")
     if triangles is None:
         raise InputError(f"{path}: damaged: no triangles")
-    return Mesh.build(
+    warp = cells.get("warp")
+    mesh = Mesh.build(
         content.points,
         triangles,
         _groups(content.point_data),
         _groups(cells),
-        cells.get("warp"),
+        warp,
         where=str(path),
     )
+    # They were unit vectors in the elements' planes already; made so once more, they would differ in the last bit.
+    return mesh if warp is None else replace(mesh, tri_warp=frozen(np.asarray(warp, dtype=np.float64)))
 
 
 def _groups(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -112,61 +188,54 @@ def _groups(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
-    try:
-        name = str(record["file"])
-        # The name comes from a file that anybody may have edited: it must not lead out of the folder.
-        path = directory / Path(name).name
-        content = _read_vtu(path)
-        cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
+    name = str(record["file"])
+    # The name comes from a file that anybody may have edited: it must not lead out of the folder.
+    path = directory / Path(name).name
+    content = _read_vtu(path, record["sha256"])
+    cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
 
-        def per_node(name: str) -> Floats:
-            return _array(path, content.point_data, name, (mesh.node_count, 3))
+    def per_node(name: str) -> Floats:
+        return _array(path, content.point_data, name, (mesh.node_count, 3))
 
-        def per_element(name: str, *width: int) -> Floats:
-            return _array(path, cells, name, (mesh.tri_count, *width))
+    def per_element(name: str, *width: int) -> Floats:
+        return _array(path, cells, name, (mesh.tri_count, *width))
 
-        elements = ElementFields(
-            strain=np.stack([per_element(f"strain_{axis}") for axis in FABRIC_AXES], axis=1),
-            stress=np.stack([per_element(f"stress_{axis}") for axis in FABRIC_AXES], axis=1),
-            state=per_element("state").astype(np.int8),
-            fold_strain=per_element("fold_strain"),
-            taut_margin=per_element("taut_margin"),
-            slack_margin=per_element("slack_margin"),
-            major_stress=per_element("major_stress"),
-            minor_stress=per_element("minor_stress"),
-            major_direction=per_element("major_direction", 3),
-        )
-        return StepResult(
-            number=int(record["number"]),
-            stage=str(record["stage"]),
-            stage_step=int(record["stage_step"]),
-            pressures=_numbers(record["pressures"]),
-            loads=_numbers(record["loads"]),
-            motions=_numbers(record["motions"]),
-            displacement=per_node("displacement"),
-            reaction=per_node("reaction"),
-            elements=elements,
-            probes=_numbers(record["probes"]),
-            volume=_number(record["volume"]),
-            energy=None if record["energy"] is None else float(record["energy"]),
-            solver=str(record["solver"]),
-            converged=bool(record["converged"]),
-            reason=str(record["reason"]),
-            iterations=int(record["iterations"]),
-            residual=_number(record["residual"]),
-            cuts=int(record["cuts"]),
-            negative_pivots=None if record["negative_pivots"] is None else int(record["negative_pivots"]),
-            derivatives={name: _numbers(values) for name, values in record["derivatives"].items()},
-            modes=None if record["modes"] is None else _modes(record["modes"], per_node),
-            limit=None
-            if record["limit"] is None
-            else {key: (low, high) for key, (low, high) in record["limit"].items()},
-            seconds=_number(record["seconds"]),
-        )
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{directory / SUMMARY}: damaged load step: {type(error).__name__}: {error}") from error
+    elements = ElementFields(
+        strain=np.stack([per_element(f"strain_{axis}") for axis in FABRIC_AXES], axis=1),
+        stress=np.stack([per_element(f"stress_{axis}") for axis in FABRIC_AXES], axis=1),
+        state=per_element("state").astype(np.int8),
+        fold_strain=per_element("fold_strain"),
+        taut_margin=per_element("taut_margin"),
+        slack_margin=per_element("slack_margin"),
+        major_stress=per_element("major_stress"),
+        minor_stress=per_element("minor_stress"),
+        major_direction=per_element("major_direction", 3),
+    )
+    return StepResult(
+        number=int(record["number"]),
+        stage=str(record["stage"]),
+        stage_step=int(record["stage_step"]),
+        pressures=_numbers(record["pressures"]),
+        loads=_numbers(record["loads"]),
+        motions=_numbers(record["motions"]),
+        displacement=per_node("displacement"),
+        reaction=per_node("reaction"),
+        elements=elements,
+        probes=_numbers(record["probes"]),
+        volume=_number(record["volume"]),
+        energy=None if record["energy"] is None else float(record["energy"]),
+        solver=str(record["solver"]),
+        converged=bool(record["converged"]),
+        reason=str(record["reason"]),
+        iterations=int(record["iterations"]),
+        residual=_number(record["residual"]),
+        cuts=int(record["cuts"]),
+        negative_pivots=None if record["negative_pivots"] is None else int(record["negative_pivots"]),
+        derivatives={name: _numbers(values) for name, values in record["derivatives"].items()},
+        modes=None if record["modes"] is None else _modes(record["modes"], per_node),
+        limit=None if record["limit"] is None else {key: (low, high) for key, (low, high) in record["limit"].items()},
+        seconds=_number(record["seconds"]),
+    )
 
 
 def _modes(record: dict[str, Any], shape: Callable[[str], Floats]) -> ModeResult:
@@ -194,11 +263,13 @@ def _array(path: Path, arrays: dict[str, NDArray[Any]], name: str, shape: tuple[
     return array
 
 
-def _read_vtu(path: Path) -> Any:
+def _read_vtu(path: Path, checksum: str) -> Any:
     import meshio  # here, not above: it takes a quarter of a second that other commands do not need
 
     if not path.is_file():
         raise InputError(f"{path}: this file of the run is missing")
+    if file_checksum(path) != checksum:
+        raise InputError(f"{path}: damaged or changed: its checksum is not the one in {SUMMARY}")
     said = io.StringIO()
     try:
         # meshio prints its complaints and may end the process with SystemExit.

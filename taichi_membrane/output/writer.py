@@ -3,7 +3,7 @@
 
 ``mesh.vtu`` holds the unstressed mesh with its groups, ``step_NNNN.vtu`` the state after each load step, ``steps.pvd`` their
 order, ``history.csv`` a row per load step, ``summary.json`` everything that is not an array. All are up to date after every
-load step, so a run that is interrupted leaves what it had.
+load step, the summary last: what it lists is whole, and a run that is interrupted goes on from there.
 """
 
 from __future__ import annotations
@@ -26,10 +26,22 @@ from numpy.typing import NDArray
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.atomic import replacing
-from taichi_membrane.output.reader import FABRIC_AXES, FORMAT, FORMAT_VERSION, GROUP, MESH, MODE, SUMMARY, is_run
+from taichi_membrane.output.reader import (
+    FABRIC_AXES,
+    FORMAT,
+    FORMAT_VERSION,
+    GROUP,
+    MESH,
+    MODE,
+    SUMMARY,
+    SavedRun,
+    file_checksum,
+    is_run,
+    summary_checksum,
+)
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
-from taichi_membrane.simulation.results import RunResult, StepResult
+from taichi_membrane.simulation.results import RunResult, Settings, StepResult
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
 
@@ -48,8 +60,9 @@ class Writer:
     """Writes one run's files while the load steps end.
 
     :param directory: made when missing; what an earlier run left in it is removed.
-    :param provenance: what really ran; goes into the summary.
+    :param settings: what was asked for, and ``provenance`` what really ran; both go into the summary.
     :param tri_fabric: (tri_count,) fabric number of each element.
+    :param saved: the run in ``directory`` to go on with.
     :raises InputError: the folder cannot be made or written, or holds files but no run of this program.
     """
 
@@ -59,20 +72,31 @@ class Writer:
         scene: Scene,
         mesh: Mesh,
         *,
+        settings: Settings,
         provenance: Mapping[str, Any],
         tri_fabric: NDArray[np.int32],
+        saved: SavedRun | None = None,
     ) -> None:
         self.directory = directory
         self._scene, self._mesh, self._tri_fabric = scene, mesh, tri_fabric
-        self._provenance = dict(provenance)
+        self._settings, self._provenance = settings, dict(provenance)
         self._columns = _columns(scene)
         self._rows: list[list[object]] = []
         self._records: list[dict[str, Any]] = []
         self._noted: list[Path] = []
-        _make_directory(directory)
-        self._write_summary({}, complete=False)  # first of all: from here on the folder is known to be a run
-        _remove_stale(directory)
-        self._write_mesh()
+        self._mesh_checksum = ""
+        if saved is None:
+            _make_directory(directory)
+            with replacing(directory / MESH) as temporary:
+                self._mesh_checksum = self._write_mesh(temporary)
+                self._write_summary({}, complete=False)  # first of all: from here on the folder is known to be a run
+        else:
+            self._mesh_checksum = saved.mesh_checksum
+            self._records += saved.records
+            self._rows += [self._row(step) for step in saved.steps]
+            self._write_summary(saved.seconds, complete=False)
+        self._write_tables()
+        _remove_stale(directory, {path.name for path in self._files()})
 
     def write_step(self, step: StepResult, seconds: Mapping[str, float]) -> list[Path]:
         """Write the files of one more load step.
@@ -80,9 +104,11 @@ class Writer:
         :param seconds: time spent in each phase so far.
         :return: the step's own file, then those brought up to date.
         """
-        path = self._write_arrays(step)
-        self._records.append(_record(step, path.name))
-        self._rows.append([value(step) for _, value in self._columns])
+        path = step_path(self.directory, step.number)
+        with replacing(path) as temporary:
+            checksum = self._write_arrays(temporary, step)
+        self._records.append(_record(step, path.name, checksum))
+        self._rows.append(self._row(step))
         return [path, *self._write_tables(), self._write_summary(seconds, complete=False)]
 
     def note(self, path: Path) -> None:
@@ -107,19 +133,22 @@ class Writer:
         tables = [self.directory / name for name in (SUMMARY, HISTORY, SERIES, MESH)]
         return [*tables, *(self.directory / record["file"] for record in self._records), *self._noted]
 
-    def _write_mesh(self) -> None:
+    def _row(self, step: StepResult) -> list[object]:
+        return [value(step) for _, value in self._columns]
+
+    def _write_mesh(self, path: Path) -> str:
         mesh = self._mesh
         cells: dict[str, NDArray[Any]] = {"fabric": self._tri_fabric}
         if mesh.tri_warp is not None:
             cells["warp"] = mesh.tri_warp
-        _write_vtu(
-            self.directory / MESH,
+        return _write_vtu(
+            path,
             mesh,
             _group_marks(mesh.node_groups, mesh.node_count),
             cells | _group_marks(mesh.tri_groups, mesh.tri_count),
         )
 
-    def _write_arrays(self, step: StepResult) -> Path:
+    def _write_arrays(self, path: Path, step: StepResult) -> str:
         """Points are unstressed and the displacement a vector, so that ParaView's Warp By Vector gives the deformed shape."""
         fields = step.elements
         cells: dict[str, NDArray[Any]] = {"state": fields.state}
@@ -132,9 +161,7 @@ class Writer:
         points = {"displacement": step.displacement, "reaction": step.reaction}
         if step.modes is not None:
             points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
-        path = step_path(self.directory, step.number)
-        _write_vtu(path, self._mesh, points, cells)
-        return path
+        return _write_vtu(path, self._mesh, points, cells)
 
     def _write_tables(self) -> list[Path]:
         text = io.StringIO()
@@ -162,9 +189,11 @@ class Writer:
             "format_version": FORMAT_VERSION,
             "complete": complete,
             **(verdict or {}),
+            "settings": asdict(self._settings),
             "provenance": self._provenance,
             "seconds": dict(seconds),
             "mesh": {
+                "sha256": self._mesh_checksum,
                 "node_count": mesh.node_count,
                 "tri_count": mesh.tri_count,
                 "closed": mesh.is_closed,
@@ -177,7 +206,9 @@ class Writer:
             "scene": self._scene.model_dump(mode="json"),
         }
         path = self.directory / SUMMARY
-        _write_text(path, json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        plain = _plain(content)
+        sealed = {**plain, "sha256": summary_checksum(plain)}
+        _write_text(path, json.dumps(sealed, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
         return path
 
 
@@ -222,12 +253,12 @@ def _header(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def _record(step: StepResult, file: str) -> dict[str, Any]:
+def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
     """A load step in the summary: all but its arrays."""
     arrays = ("displacement", "reaction", "elements", "modes")
     scalars = {key: value for key, value in vars(step).items() if key not in arrays}
     modes = None if step.modes is None else {"kind": step.modes.kind, "values": step.modes.values}
-    return {**scalars, "modes": modes, "element_states": step.elements.count(), "file": file}
+    return {**scalars, "modes": modes, "element_states": step.elements.count(), "file": file, "sha256": checksum}
 
 
 def _plain(value: Any) -> Any:
@@ -276,9 +307,9 @@ def _make_directory(directory: Path) -> None:
         raise InputError(f"{directory}: the output folder cannot be made: {error.strerror}") from error
 
 
-def _remove_stale(directory: Path) -> None:
+def _remove_stale(directory: Path, ours_now: set[str]) -> None:
     for path in directory.iterdir():
-        if re.fullmatch(f"{_OURS}|{_TEMPORARY}", path.name):
+        if re.fullmatch(f"{_OURS}|{_TEMPORARY}", path.name) and path.name not in ours_now:
             path.unlink()
 
 
@@ -287,10 +318,11 @@ def _write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _write_vtu(path: Path, mesh: Mesh, point_data: dict[str, NDArray[Any]], cell_data: dict[str, NDArray[Any]]) -> None:
+def _write_vtu(path: Path, mesh: Mesh, point_data: dict[str, NDArray[Any]], cell_data: dict[str, NDArray[Any]]) -> str:
+    """Write a vtu file and return its checksum."""
     import meshio  # here, not above: it takes a quarter of a second that other commands do not need
 
     cells = {name: [array] for name, array in cell_data.items()}
     content = meshio.Mesh(mesh.points, [("triangle", mesh.triangles)], point_data=point_data, cell_data=cells)
-    with replacing(path) as temporary:
-        content.write(temporary, file_format="vtu")
+    content.write(path, file_format="vtu")
+    return file_checksum(path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.output.atomic import replacing
 
 WIDEST = 800  # pixels; a GIF has no interframe compression worth the name
 LAST_FRAME_FACTOR = 6  # the last frame is what the reader wants to study
@@ -45,8 +45,7 @@ def write_animation(pngs: Sequence[Path], path: Path, *, frame_seconds: float = 
     indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     durations = [round(1000 * frame_seconds)] * len(frames)
     durations[-1] *= LAST_FRAME_FACTOR
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
+    with replacing(path) as temporary:
         indexed[0].save(
             temporary,
             format="GIF",
@@ -56,9 +55,6 @@ def write_animation(pngs: Sequence[Path], path: Path, *, frame_seconds: float = 
             loop=0,
             optimize=False,
         )
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _palette(frames: Sequence[Image.Image]) -> Image.Image:

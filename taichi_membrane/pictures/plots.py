@@ -6,7 +6,6 @@ plot can be read in grey. Curves are labelled at a free place in the axes, never
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.output.atomic import replacing
 
 Style = Literal["computed", "reference"]
 
@@ -309,16 +309,12 @@ def _leader(axes: Axes, text: Text, dot: NDArray[np.float64], size: tuple[float,
 
 
 def _save(figure: Figure, path: Path) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     undated: dict[str, dict[str, str | None]] = {
         "svg": {"Date": None},
         "pdf": {"CreationDate": None},
         "png": {"Software": None},
     }
     kind = path.suffix[1:]
-    try:
-        with matplotlib.rc_context({"svg.hashsalt": "taichi-membrane"}):  # else SVG identifiers are random
-            figure.savefig(temporary, format=kind, dpi=DPI, metadata=undated[kind])
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    # Without a salt of our own the identifiers in an SVG are random.
+    with replacing(path) as temporary, matplotlib.rc_context({"svg.hashsalt": "taichi-membrane"}):
+        figure.savefig(temporary, format=kind, dpi=DPI, metadata=undated[kind])

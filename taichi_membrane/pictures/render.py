@@ -6,7 +6,6 @@ compared with zero sample by sample, so that borders are as smooth as the soluti
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from taichi_membrane.names import SLACK, TAUT, WRINKLED
+from taichi_membrane.output.atomic import replacing
 from taichi_membrane.pictures import raster
 from taichi_membrane.pictures.animation import write_animation
 from taichi_membrane.pictures.camera import VIEWER_DISTANCE, Camera, Projection, fit_camera, furniture_scale
@@ -334,9 +334,5 @@ def _legend_rows(
 
 
 def _write_png(pixels: NDArray[np.uint8], path: Path) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
+    with replacing(path) as temporary:
         Image.fromarray(pixels).save(temporary, format="PNG", compress_level=4)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)

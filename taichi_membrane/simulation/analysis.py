@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from taichi_membrane.engine.path import PathPoint
@@ -40,16 +40,25 @@ class Analysis:
         """Compile every kernel a run needs, moving nothing; so that compile time is a figure of its own."""
         self.equilibrium.compile()
 
-    def steps(self, progress: ProgressCallback | None = None) -> Iterator[StepResult]:
-        """Yield each load step as it is done; stop after the first that does not reach its load."""
+    def steps(
+        self, progress: ProgressCallback | None = None, *, done: Sequence[StepResult] = ()
+    ) -> Iterator[StepResult]:
+        """Yield each load step as it is done; stop after the first that does not reach its load.
+
+        :param done: the first load steps, from an earlier analysis, which are not done again; of a stage by arc length all or none.
+        """
         state = unloaded(self.model.scene)
         number = 0
+        if done:
+            self.measure.again(done[-1])
         for stage in self.model.scene.stages:
             course = Course(state, stage_target(state, stage))
             self.equilibrium.shut(stage.closed, state)
             run_stage = self._arc_length_stage if stage.control == "arc_length" else self._load_stage
-            for result in run_stage(number, stage, course, progress):
-                yield result
+            had = [step for step in done if step.stage == stage.name]
+            for result in run_stage(number, stage, course, had, progress):
+                if number >= len(done):
+                    yield result
                 number += 1
                 if not result.converged:
                     self.outcome = "not converged"
@@ -61,11 +70,17 @@ class Analysis:
         self.outcome = "finished"
 
     def _load_stage(
-        self, number: int, stage: Stage, course: Course, progress: ProgressCallback | None
+        self,
+        number: int,
+        stage: Stage,
+        course: Course,
+        had: Sequence[StepResult],
+        progress: ProgressCallback | None,
     ) -> Iterator[StepResult]:
         """Equal steps of the load; the last one done is the one that meets a limit."""
         for k in range(1, stage.steps + 1):
-            result = self._load_step(number + k - 1, stage, k, course, progress)
+            known = had[k - 1] if k <= len(had) else None
+            result = known or self._load_step(number + k - 1, stage, k, course, progress)
             yield result
             if not result.converged or result.limit is not None:
                 return
@@ -104,9 +119,17 @@ class Analysis:
                 cuts, size = cuts + 1, 0.5 * size
 
     def _arc_length_stage(
-        self, number: int, stage: Stage, course: Course, progress: ProgressCallback | None
+        self,
+        number: int,
+        stage: Stage,
+        course: Course,
+        had: Sequence[StepResult],
+        progress: ProgressCallback | None,
     ) -> Iterator[StepResult]:
         """Steps along the equilibrium path, through limit points, until the stage's loads are reached or its steps are used up."""
+        if had:
+            yield from had
+            return
         newton = self.newton
         assert newton is not None  # solver_kind refuses arc length without it
         path = self.equilibrium.path(newton, course.start, course.target)

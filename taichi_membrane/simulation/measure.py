@@ -9,12 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from taichi_membrane.engine.membrane import ElementState
+from taichi_membrane.engine.multifrontal import Factor
 from taichi_membrane.engine.preparation import Floats
 from taichi_membrane.engine.record import SolveRecord
-from taichi_membrane.scene import Stage
+from taichi_membrane.scene import Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
-from taichi_membrane.simulation.load_state import Course
+from taichi_membrane.simulation.load_state import Course, LoadState
 from taichi_membrane.simulation.results import ElementFields, ModeResult, StepResult
 
 
@@ -61,6 +62,9 @@ class Measure:
         self.equilibrium.apply(state)
         state = replace(state, pressures=self.equilibrium.pressures(state))
         displacement = self.membrane.displacement()
+        # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
+        # from the same split whether it follows at once or after a resume.
+        self.membrane.set_displacement(displacement)
         elements = self._element_fields(self.membrane.element_state(), displacement)
         dead = self.model.nodal_loads(state.pressures, state.loads)
         local = self.membrane.in_frames(-self.membrane.out_of_balance())
@@ -87,7 +91,8 @@ class Measure:
             converged=record.converged,
             reason=record.reason,
             iterations=record.iterations,
-            residual=record.residual,
+            # Infinite and undefined alike: files know one word for both.
+            residual=record.residual if np.isfinite(record.residual) else np.nan,
             cuts=cuts,
             negative_pivots=at_rest.negative_pivots,
             limit=limit,
@@ -96,14 +101,30 @@ class Measure:
             seconds=time.perf_counter() - started,
         )
 
+    def again(self, step: StepResult) -> None:
+        """Bring the membrane back to the state that a step left it in."""
+        self.membrane.set_displacement(step.displacement)
+        self.equilibrium.apply(LoadState(step.pressures, step.loads, step.motions))
+        if step.converged:
+            self._tangent(
+                step.stage
+            )  # handed on to the next step; a new one of a barely definite matrix may be refused
+
+    def _modes_asked(self, stage: str) -> Modes | None:
+        asked = self.model.scene.modes
+        return asked if asked is not None and asked.stage in (None, stage) else None
+
+    def _tangent(self, stage: str) -> Factor | None:
+        """The factorised tangent at the present state, where it is used and not singular."""
+        newton, scene = self.equilibrium.newton, self.model.scene
+        if newton is None or not (scene.solver.stability or scene.derivatives or self._modes_asked(stage)):
+            return None
+        return newton.at_rest()
+
     def _at_rest(self, stage: Stage, course: Course, share: float) -> AtRest:
         """What the tangent at an equilibrium tells, where it is used and not singular."""
-        newton, scene = self.equilibrium.newton, self.model.scene
-        asked = scene.modes if scene.modes is not None and scene.modes.stage in (None, stage.name) else None
-        if newton is None or not (scene.solver.stability or scene.derivatives or asked):
-            return AtRest()
-        factor = newton.at_rest()
-        if factor is None:
+        newton, asked, factor = self.equilibrium.newton, self._modes_asked(stage.name), self._tangent(stage.name)
+        if newton is None or factor is None:
             return AtRest()
         displacement = self.membrane.displacement()
         shut = () if self.equilibrium.gas is None else tuple(one.number for one in self.equilibrium.gas.chambers)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar
@@ -23,6 +23,9 @@ class Observer(Protocol):
     def progress(self, stage: str, step: int, steps: int, iterations: int, residual: float, seconds: float) -> None:
         """A solver is at work on step ``step`` of ``steps`` of a stage."""
 
+    def kept(self, steps: Sequence[StepResult]) -> None:
+        """The load steps that a run which goes on has already; none where it was stopped during the first."""
+
     def step_done(self, step: StepResult) -> None:
         """A load step has ended, converged or not."""
 
@@ -37,6 +40,9 @@ class Silent:
         """Say nothing."""
 
     def progress(self, stage: str, step: int, steps: int, iterations: int, residual: float, seconds: float) -> None:
+        """Say nothing."""
+
+    def kept(self, steps: Sequence[StepResult]) -> None:
         """Say nothing."""
 
     def step_done(self, step: StepResult) -> None:

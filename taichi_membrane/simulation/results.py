@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.names import SLACK, TAUT, WRINKLED, Outcome
+from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, Outcome, Precision
 from taichi_membrane.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -118,6 +118,15 @@ class CheckResult:
     relative: bool
     source: str
     passed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What a run is asked for beside its scene; see :func:`taichi_membrane.run`."""
+
+    arch: Arch = "cpu"
+    precision: Precision = "f64"
+    threads: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

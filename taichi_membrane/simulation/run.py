@@ -18,9 +18,10 @@ from taichi_membrane.simulation.observer import Clock, Observer, Silent
 if TYPE_CHECKING:
     from taichi_membrane.engine.runtime import Runtime
     from taichi_membrane.mesh import Mesh
+    from taichi_membrane.output.reader import SavedRun
     from taichi_membrane.output.writer import Writer
     from taichi_membrane.simulation.model import Model
-    from taichi_membrane.simulation.results import RunResult
+    from taichi_membrane.simulation.results import RunResult, Settings
 
 
 def run(
@@ -41,38 +42,79 @@ def run(
     :param out: folder for summary.json, history.csv, step files, curve.png and pictures; nothing is written when None.
     :param base: folder that a relative mesh path starts from; the current one when None.
     :param render: draw pictures and the curve (only with ``out``).
-    :raises InputError: a scene, mesh or back end that cannot be used. A step that does not converge raises nothing: it ends
-        the run, and ``RunResult.converged`` says so.
+    :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk. A step
+        that does not converge raises nothing: it ends the run, and ``RunResult.converged`` says so.
     """
-    observer = observer or Silent()
-    clock = Clock(observer)
+    clock = Clock(observer or Silent())
     from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
-    from taichi_membrane.simulation.results import RunResult
+    from taichi_membrane.simulation.results import Settings
 
     with clock.phase("setup", "reading the mesh"):
         mesh = build_mesh(scene, base) if mesh is None else with_scene_groups(scene, mesh)
         model = build_model(scene, mesh)
+    return _carry_out(model, Settings(arch=arch, precision=precision, threads=threads), clock, out=out, render=render)
+
+
+def resume(directory: Path, *, render: bool = True, observer: Observer | None = None) -> RunResult:
+    """Go on with a run that was stopped, from its last whole load step; scene, mesh and settings are those in its folder.
+
+    All numbers and files become what they would be had the run not been stopped, to the last bit, apart from times. Of a run that
+    has ended, converged or not, nothing is done again: its result is read from its files.
+
+    :param directory: the folder of the run.
+    :param render: draw pictures and the curve at the end, as in :func:`run`.
+    :raises InputError: the folder is not a run of this program, or is damaged; it was begun with other versions or on another back
+        end; a file cannot be written.
+    """
+    clock = Clock(observer or Silent())
+    from taichi_membrane.output.reader import read_run
+    from taichi_membrane.simulation.model import build_model
+
+    with clock.phase("setup", "reading the run"):
+        saved = _without_open_path(read_run(Path(directory)))
+        model = build_model(saved.scene, saved.mesh)
+    clock.observer.kept(saved.steps)
+    if saved.complete:
+        return _ended(saved)
+    for phase, seconds in saved.seconds.items():
+        clock.seconds[phase] = clock.seconds.get(phase, 0.0) + seconds
+    return _carry_out(model, saved.settings, clock, out=saved.directory, render=render, saved=saved)
+
+
+def _carry_out(
+    model: Model, settings: Settings, clock: Clock, *, out: Path | None, render: bool, saved: SavedRun | None = None
+) -> RunResult:
+    """Solve the load steps that are not saved yet; write, judge and draw all."""
+    observer = clock.observer
     with clock.phase("start", "starting Taichi"):
         from taichi_membrane.engine import runtime
 
-        active = runtime.start(arch=arch, precision=precision, threads=threads)
+        active = runtime.start(arch=settings.arch, precision=settings.precision, threads=settings.threads)
         from taichi_membrane.simulation import analysis, probes
         from taichi_membrane.simulation.equilibrium import solver_kind
+    from taichi_membrane.simulation.results import RunResult
+
     probes.validate(model)
+    provenance = _provenance(model, active)
+    if saved is not None:
+        _refuse_other_bits(saved, provenance)
     with clock.phase("setup"):
         model.structure.prepare(matrix=solver_kind(model) != "relaxation")
+    writer = _writer(out, model, settings, provenance, saved)
     with clock.phase("compile", "compiling kernels"):
         # Uploads compile a kernel for every type of field, so they belong here too.
         work = analysis.Analysis(model)
         work.compile()
-    provenance = _provenance(model, active)
-    writer = _writer(out, model, provenance)
     result = RunResult(
-        scene=scene, mesh=mesh, steps=(), checks=(), seconds=clock.seconds, provenance=provenance, directory=out
-    )
+        scene=model.scene, mesh=model.structure.mesh, steps=() if saved is None else saved.steps, checks=(),
+        seconds=clock.seconds, provenance=provenance, directory=out,
+    )  # fmt: skip
     try:
         observer.phase("solving")
-        steps = work.steps(lambda stage, k, n, p: observer.progress(stage, k, n, p.iteration, p.residual, p.seconds))
+        steps = work.steps(
+            lambda stage, k, n, p: observer.progress(stage, k, n, p.iteration, p.residual, p.seconds),
+            done=result.steps,
+        )
         while (step := clock.timed("solve", lambda: next(steps, None))) is not None:
             result = replace(result, steps=(*result.steps, step))
             observer.step_done(step)
@@ -80,15 +122,18 @@ def run(
                 with clock.phase("output"):
                     for path in writer.write_step(step, clock.seconds):
                         observer.wrote(path)
-    finally:
+    except InputError:
+        raise  # a file that cannot be written, so nothing more is
+    except BaseException:
         # Also after Ctrl-C: what was computed is judged, drawn and kept.
-        result = replace(result, checks=probes.run_checks(scene, result.steps), outcome=work.outcome)
-        if writer is not None and result.steps:
-            result = _finish(result, writer, clock, render=render)
-    return result
+        _finish(replace(result, outcome=work.outcome), writer, clock, render=render)
+        raise
+    return _finish(replace(result, outcome=work.outcome), writer, clock, render=render)
 
 
-def _writer(out: Path | None, model: Model, provenance: dict[str, Any]) -> Writer | None:
+def _writer(
+    out: Path | None, model: Model, settings: Settings, provenance: dict[str, Any], saved: SavedRun | None
+) -> Writer | None:
     """The writer of a run's files, where files are wanted."""
     if out is None:
         return None
@@ -96,12 +141,67 @@ def _writer(out: Path | None, model: Model, provenance: dict[str, Any]) -> Write
 
     structure = model.structure
     return Writer(
-        Path(out), model.scene, structure.mesh, provenance=provenance, tri_fabric=structure.tri_fabric.astype(np.int32)
+        Path(out),
+        model.scene,
+        structure.mesh,
+        settings=settings,
+        provenance=provenance,
+        tri_fabric=structure.tri_fabric.astype(np.int32),
+        saved=saved,
     )
 
 
-def _finish(result: RunResult, writer: Writer, clock: Clock, *, render: bool) -> RunResult:
-    """Draw the pictures and write the final summary."""
+def _without_open_path(saved: SavedRun) -> SavedRun:
+    """The run without the steps of a stage by arc length that it was in: a path is followed from its start or not at all.
+
+    How far along the path the next step goes is not in the steps' files.
+    """
+    open_stages = [stage.name for stage in saved.scene.stages if stage.control == "arc_length"]
+    if saved.complete or not saved.steps or saved.steps[-1].stage not in open_stages:
+        return saved
+    count = sum(step.stage != saved.steps[-1].stage for step in saved.steps)
+    return replace(saved, steps=saved.steps[:count], records=saved.records[:count])
+
+
+def _ended(saved: SavedRun) -> RunResult:
+    """The result of a run that has ended, from its files."""
+    from taichi_membrane.simulation import probes
+    from taichi_membrane.simulation.results import RunResult
+
+    return RunResult(
+        scene=saved.scene,
+        mesh=saved.mesh,
+        steps=saved.steps,
+        checks=probes.run_checks(saved.scene, saved.steps),
+        seconds=saved.seconds,
+        provenance=saved.provenance,
+        outcome=saved.outcome,
+        directory=saved.directory,
+        files=saved.files,
+    )
+
+
+def _refuse_other_bits(saved: SavedRun, provenance: dict[str, Any]) -> None:
+    """Refuse to go on with what would round otherwise than what there is.
+
+    :raises InputError: other versions, another back end or another precision.
+    """
+    for key in ("taichi_membrane", "taichi", "numpy", "scipy", "arch", "precision"):
+        before, now = saved.provenance.get(key), provenance[key]
+        if before != now:
+            raise InputError(
+                f"{saved.directory}: this run was begun with {key} {before}, and here it is {now}: the rest would not be "
+                "what it would have been; run its scene again"
+            )
+
+
+def _finish(result: RunResult, writer: Writer | None, clock: Clock, *, render: bool) -> RunResult:
+    """Judge the checks, draw the pictures and write the final summary."""
+    from taichi_membrane.simulation import probes
+
+    result = replace(result, checks=probes.run_checks(result.scene, result.steps))
+    if writer is None or not result.steps:
+        return result
     if render:
         from taichi_membrane.pictures import gallery
 
@@ -136,16 +236,18 @@ def redraw(directory: Path, *, camera: Camera | None = None, observer: Observer 
     from taichi_membrane.output.reader import read_run
     from taichi_membrane.simulation.results import RunResult
 
-    scene, mesh, steps = read_run(directory)
-    if not steps:
+    saved = read_run(directory)
+    if not saved.steps:
         raise InputError(f"{directory}: this run has no load steps to draw")
     runtime.start()  # before anything imports Taichi, whose banner would land on standard output
     from taichi_membrane.pictures import gallery
 
-    result = RunResult(scene=scene, mesh=mesh, steps=tuple(steps), checks=(), seconds={}, provenance={})
+    result = RunResult(
+        scene=saved.scene, mesh=saved.mesh, steps=saved.steps, checks=(), seconds={}, provenance=saved.provenance
+    )
     observer.phase("drawing")
     paths = []
-    for path in gallery.draw_run(result, directory, camera or scene.camera):
+    for path in gallery.draw_run(result, directory, camera or saved.scene.camera):
         observer.wrote(path)
         paths.append(path)
     return paths
@@ -159,6 +261,7 @@ def _provenance(model: Model, active: Runtime) -> dict[str, Any]:
         "taichi": active.taichi_version,
         "python": platform.python_version(),
         "numpy": metadata.version("numpy"),
+        "scipy": metadata.version("scipy"),
         "arch": active.arch,
         "precision": active.precision,
         "threads": active.threads,

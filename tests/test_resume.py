@@ -1,0 +1,397 @@
+"""A run that was stopped goes on from its last whole load step and ends as if nothing had been."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from run_files import different, outcome, same
+from typer.testing import CliRunner, Result
+
+import taichi_membrane as tm
+from taichi_membrane.commands.cli import app
+from taichi_membrane.engine import runtime
+from taichi_membrane.engine.runtime import Runtime
+from taichi_membrane.output import atomic
+from taichi_membrane.output.reader import read_run, summary_checksum
+from taichi_membrane.scene import GivenMesh
+from taichi_membrane.simulation.observer import Observer, Silent
+from taichi_membrane.simulation.results import StepResult
+
+ROOT = Path(__file__).resolve().parent.parent
+# Inflated, then bent and pushed until it wrinkles: Newton in double precision, relaxation in single.
+SCENE = """
+name = "beam"
+units = { length = "mm", force = "N" }
+mesh = { shape = "tube", radius = 25, length = 100, around = 8, along = 6, cap_end = "flat" }
+fabric = { E_warp = 4000, E_weft = 2500, nu = 0.1, G = 150, thickness = 0.1 }
+supports = [{ group = "start", hold = "xyz" }]
+loads = { side = { group = "end", direction = [0, -1, 0] } }
+motions = { push = { kind = "translation", group = "end", hold = "z", direction = [0, 0, -1] } }
+camera = { size = [320, 240] }
+curve = { x = "deflection", y = "load.side" }
+
+[[stages]]
+name = "inflate"
+pressure = 0.03
+steps = 2
+
+[[stages]]
+name = "load"
+steps = 3
+loads = { side = 2.0 }
+motions = { push = 2.0 }
+
+[probes]
+deflection = { kind = "displacement", group = "end", component = "y" }
+wrinkled = { kind = "area_share" }
+
+[[checks]]
+probe = "deflection"
+stage = "load"
+reference = 0.0
+absolute = 50.0
+source = "the tube is still there"
+"""
+# No step is handed the state of the one before but by its displacements; compiled once, run once for each step to go on from.
+EVERY_STEP = """
+import sys
+from pathlib import Path
+import numpy as np
+from run_files import same
+from dataclasses import replace
+from taichi_membrane.engine import runtime
+from taichi_membrane.scene.file import load_scene
+from taichi_membrane.simulation.model import build_mesh, build_model
+runtime.start(precision=sys.argv[2])
+from taichi_membrane.simulation.analysis import Analysis
+from taichi_membrane.simulation.load_state import unloaded
+scene = load_scene(Path(sys.argv[1]), sys.argv[3:])
+work = Analysis(build_model(scene, build_mesh(scene)))
+if sys.argv[2] == "f32":
+    solve, membrane = work.equilibrium._solve, work.membrane
+    def unlucky(*arguments, **options):  # ends with a split that is as good as any, but not the one that set_displacement makes
+        record = solve(*arguments, **options)
+        for field, sign in ((membrane.node_displacement, 1), (membrane.node_displacement_rest, -1)):
+            field.from_numpy((field.to_numpy() + sign * membrane.displacement_quantum).astype("f4"))
+        return record
+    work.equilibrium._solve = unlucky
+whole = [replace(step, seconds=0.0) for step in work.steps()]
+assert len(whole) == 5 and whole[-1].converged and whole[-1].probes["wrinkled"] > 0.0, whole[-1].probes
+if work.newton is not None:  # a factorised tangent is handed on as well, one that may round or pivot otherwise than a new one
+    def kept():
+        displacement, pressures, factor = work.newton._kept
+        return displacement, pressures, factor.solve(np.ones_like(displacement))
+    next(work.steps(done=whole[:2]))
+    before, work.newton._kept = kept(), None
+    work.equilibrium.apply(unloaded(scene))
+    work.measure.again(whole[2])
+    assert all(np.array_equal(one, other) for one, other in zip(before, kept()))
+for last in whole[:-1]:
+    rest = [replace(step, seconds=0.0) for step in work.steps(done=whole[: last.number + 1])]
+    print(last.number, all(same(a, b) for a, b in zip(whole[last.number + 1:], rest, strict=True)))
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The scene in an empty current folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "beam.toml").write_text(SCENE, encoding="utf-8")
+    return "beam.toml"
+
+
+def call(*arguments: str) -> Result:
+    """The command in this process; errors other than exits are raised."""
+    return CliRunner().invoke(app, arguments, catch_exceptions=False)
+
+
+def environment(cwd: Path) -> dict[str, str]:
+    """Of a process of its own: kernels are compiled once for all of them."""
+    tests = os.pathsep.join((str(ROOT), str(ROOT / "tests")))
+    own = {"PYTHONPATH": tests, "PATH": "/usr/bin", "HOME": str(cwd), "LC_ALL": "C.UTF-8"}
+    return own | {key: value for key, value in os.environ.items() if key == "TI_OFFLINE_CACHE_FILE_PATH"}
+
+
+# A motion sets the displacements anew at every step, which would hide what single precision has beside their sum.
+NO_MOTION = ("motions={}", "stages.load.motions={}")
+
+
+@pytest.mark.parametrize("arguments", [("f64",), ("f32", *NO_MOTION)], ids=["f64", "f32"])
+def test_a_step_needs_nothing_of_the_one_before_but_its_displacements(
+    scene: str, tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", EVERY_STEP, scene, *arguments],
+        env=environment(tmp_path), capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["0", "True", "1", "True", "2", "True", "3", "True"]
+
+
+RELAXATION = ("--set=solver.kind=relaxation",)  # compiles fastest
+
+
+@pytest.fixture(scope="module")
+def compiled(runtime_cpu: Runtime) -> Iterator[None]:
+    """All runs in this process with one solver share their kernels; each starts at rest."""
+    from taichi_membrane.simulation import analysis
+
+    ready: dict[str, Any] = {}
+
+    def shared(model: Any) -> Any:
+        kind = model.scene.solver.kind
+        if kind not in ready:
+            ready[kind] = real(model)
+        ready[kind].membrane.set_displacement(np.zeros((ready[kind].membrane.node_count, 3)))
+        ready[kind].outcome = "interrupted"
+        return ready[kind]
+
+    real, analysis.Analysis = analysis.Analysis, shared  # type: ignore[assignment, misc]
+    yield
+    analysis.Analysis = real  # type: ignore[misc]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Path:
+    """The folder of a run that nothing stopped."""
+    directory = tmp_path_factory.mktemp("whole")
+    (directory / "beam.toml").write_text(SCENE, encoding="utf-8")
+    done = call("run", str(directory / "beam.toml"), *RELAXATION, "--no-render", "--out", str(directory / "run"))
+    assert done.exit_code == 0, done.stderr
+    return directory / "run"
+
+
+@pytest.fixture
+def run(whole: Path, tmp_path: Path) -> Path:
+    """A copy of that folder."""
+    return Path(shutil.copytree(whole, tmp_path / "run"))
+
+
+def forge(directory: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    """Change the summary of a run, checksum included."""
+    path = directory / "summary.json"
+    summary = json.loads(path.read_text("utf-8"))
+    change(summary)
+    del summary["sha256"]
+    path.write_text(json.dumps({**summary, "sha256": summary_checksum(summary)}), "utf-8")
+
+
+def held(directory: Path) -> dict[str, tuple[bytes, int]]:
+    """What is in the folder, and since when."""
+    return {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in directory.iterdir()}
+
+
+def test_a_full_disk_ends_with_2_and_one_line_and_the_run_goes_on_later(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, out = str(whole.parent / "beam.toml"), str(tmp_path / "run")
+    to_disk = atomic._to_disk
+
+    def full(path: Path, flags: int) -> None:
+        if "step_0003.vtu" in path.name:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        to_disk(path, flags)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(atomic, "_to_disk", full)
+        done = call("run", scene, *RELAXATION, "--out", out)  # with pictures, which must not be tried
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    told = f"error: {scene}: {out}/step_0003.vtu: cannot be written: No space left on device"
+    assert done.stderr.splitlines()[-1] == told
+    assert "drawing" not in done.stderr
+    assert len(read_run(tmp_path / "run").steps) == 3
+    done = call("run", "--resume", out, "--no-render")
+    assert done.exit_code == 0
+    assert "3 of 5 load steps are there already" in done.stderr
+    assert re.findall(r"(\w+ \d)/\d: ", done.stderr) == ["load 2", "load 3"]
+    assert not different(outcome(tmp_path / "run"), outcome(whole))
+
+
+def test_a_run_stopped_from_python_goes_on_without_its_mesh_object(whole: Path, tmp_path: Path) -> None:
+    class Impatient(Silent):
+        def step_done(self, step: StepResult) -> None:
+            if step.number == 1:
+                raise KeyboardInterrupt
+
+    saved = read_run(whole)
+    scene = saved.scene.model_copy(update={"mesh": GivenMesh(shape="given")})
+    with pytest.raises(KeyboardInterrupt):
+        tm.run(scene, mesh=saved.mesh, out=tmp_path / "run", render=False, observer=Impatient())
+    assert len(read_run(tmp_path / "run").steps) == 2
+    forge(tmp_path / "run", lambda summary: summary["seconds"].update(solve=1000.0))
+    result = tm.resume(tmp_path / "run", render=False)
+    assert result.converged
+    assert result.passed
+    for one, other in zip(result.steps, saved.steps, strict=True):
+        assert same(replace(one, seconds=0.0), replace(other, seconds=0.0))
+    assert set(result.seconds) == {"setup", "start", "compile", "solve", "output"}
+    assert 1000.0 < result.seconds["solve"] < 1100.0  # times add up
+
+
+def ended_ill(summary: dict[str, Any]) -> None:
+    summary["steps"][-1].update(converged=False, reason="no equilibrium")
+    summary["outcome"] = "not converged"
+
+
+def collapses(summary: dict[str, Any]) -> None:
+    summary["steps"][-1].update(limit={"load.side": [1.9, 2.0]}, reason="collapse: at last")
+    summary["outcome"] = "collapse"
+
+
+def check_fails(summary: dict[str, Any]) -> None:
+    summary["scene"]["checks"][0]["absolute"] = 1e-9
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "expected"),
+    [
+        (lambda summary: None, 0, ""),
+        (check_fails, 1, "CHECK FAILS: deflection at load 3: "),
+        (ended_ill, 3, "NOT CONVERGED: load step 4 (load 3/3): no equilibrium\n"),
+        (collapses, 4, "COLLAPSE: load step 4 (load 3/3): at last\n"),
+    ],
+    ids=["passed", "check fails", "not converged", "collapse"],
+)
+def test_of_a_run_that_has_ended_nothing_is_done_again(
+    run: Path, change: Callable[[dict[str, Any]], None], code: int, expected: str
+) -> None:
+    forge(run, change)
+    before = held(run)
+    done = call("run", "--resume", str(run))
+    assert done.exit_code == code
+    assert done.stdout.startswith(f"{run}: nothing is left to do, the run has ended\n{expected}")
+    assert bool(expected) == ("\n" in done.stdout.rstrip("\n"))
+    quiet = call("run", "--resume", str(run), "--quiet")
+    assert (quiet.exit_code, quiet.stderr) == (code, "")
+    assert quiet.stdout.startswith(expected)
+    assert "nothing" not in quiet.stdout
+    assert held(run) == before
+
+
+def test_a_step_that_did_not_converge_is_not_tried_again(run: Path) -> None:
+    """It was killed between that step and the end of the run; the same step would fail the same way."""
+
+    def change(summary: dict[str, Any]) -> None:
+        del summary["steps"][3:]
+        ended_ill(summary)
+        summary["complete"] = False
+
+    forge(run, change)
+    done = call("run", "--resume", str(run), "--no-render")
+    assert done.exit_code == 3
+    assert "NOT CONVERGED: load step 2 (load 1/3): no equilibrium" in done.stdout
+    saved = read_run(run)
+    assert saved.complete
+    assert [step.converged for step in saved.steps] == [True, True, False]
+    assert not (run / "step_0003.vtu").exists()
+
+
+def begun_with(key: str, value: str) -> Callable[[dict[str, Any]], None]:
+    def change(summary: dict[str, Any]) -> None:
+        summary["provenance"][key] = value
+        summary["complete"] = False
+
+    return change
+
+
+def asked(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    def change(summary: dict[str, Any]) -> None:
+        summary["settings"][key] = value
+        summary["complete"] = False
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (begun_with("numpy", "1.0"), "this run was begun with numpy 1.0, and here it is "),
+        (begun_with("scipy", "1.0"), "this run was begun with scipy 1.0, and here it is "),
+        (begun_with("arch", "cuda"), "this run was begun with arch cuda, and here it is "),
+        (begun_with("precision", "f32"), "this run was begun with precision f32, and here it is f64: "),
+        (asked("precision", "f16"), "precision = 'f16' is not one of f64, f32"),
+        (asked("threads", "many"), "summary.json: damaged: ValueError: invalid literal for int()"),
+        (lambda summary: summary.update(format="other"), "not the summary of a run of this program"),
+        (lambda summary: summary.update(format_version=1), "format version 1, but this program reads version 3"),
+    ],
+)
+def test_what_cannot_go_on_bit_by_bit_is_refused_and_left_alone(
+    run: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[Any], None], expected: str
+) -> None:
+    forge(run, change)
+    monkeypatch.setattr(runtime, "_started", None if "f16" in expected else runtime._started)
+    before = held(run)
+    done = call("run", "--resume", str(run))
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    assert done.stderr.count("error:") == 1
+    assert expected in done.stderr.splitlines()[-1]
+    assert held(run) == before
+
+
+@pytest.mark.parametrize("name", ["summary.json", "mesh.vtu", "step_0004.vtu"])
+def test_a_damaged_file_is_refused_and_everything_left_alone(run: Path, name: str) -> None:
+    forge(run, lambda summary: summary.update(complete=False))
+    content = bytearray((run / name).read_bytes())
+    content[len(content) // 2] ^= 1
+    (run / name).write_bytes(content)
+    before = held(run)
+    done = call("run", "--resume", str(run))
+    assert done.exit_code == 2
+    assert done.stderr.splitlines()[-1].startswith(f"error: {run / name}: damaged")
+    assert held(run) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--set", "stages.load.steps=9", "beam"], "leave out SCENE, --set"),
+        (["--precision", "f64", "--arch", "cpu", "--threads", "2"], "leave out --arch, --precision, --threads"),
+        (["--out", "elsewhere"], "leave out --out"),
+    ],
+)
+def test_resume_takes_no_scene_and_no_settings(run: Path, arguments: list[str], expected: str) -> None:
+    done = call("run", "--resume", str(run), *arguments)
+    told = f"error: --resume {run}: scene and settings are those of the run in that folder; {expected}\n"
+    assert (done.exit_code, done.stdout, done.stderr) == (2, "", told)
+
+
+def test_ctrl_c_counts_the_steps_that_were_there_before(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(directory: Path, *, render: bool, observer: Observer) -> None:
+        observer.kept(read_run(directory).steps)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys.modules["taichi_membrane.simulation.run"], "resume", interrupted)
+    done = call("run", "--resume", str(run))
+    assert (done.exit_code, done.stdout) == (130, "")
+    assert done.stderr == f"5 of 5 load steps are there already\ninterrupted: 5 load steps are kept in {run}\n"
+
+
+def test_a_stage_by_arc_length_is_followed_from_its_start(scene: str, tmp_path: Path, compiled: None) -> None:
+    arc = ("--set=stages.load.control=arc_length", *(f"--set={one}" for one in NO_MOTION), "--no-render")
+    assert call("run", scene, *arc, "--out", "run").exit_code == 0
+    whole = outcome(tmp_path / "run")
+    assert read_run(tmp_path / "run").steps[3].solver == "arc length"
+
+    def stopped(summary: dict[str, Any]) -> None:
+        summary["complete"] = False
+        del summary["steps"][4:]
+
+    forge(tmp_path / "run", stopped)
+    done = call("run", "--resume", "run", "--no-render")
+    assert done.exit_code == 0
+    assert "2 of 5 load steps are there already" in done.stderr
+    assert not different(outcome(tmp_path / "run"), whole)
