@@ -380,11 +380,21 @@ def test_ctrl_c_counts_the_steps_that_were_there_before(run: Path, monkeypatch: 
     assert done.stderr == f"5 of 5 load steps are there already\ninterrupted: 5 load steps are kept in {run}\n"
 
 
-def test_a_stage_by_arc_length_is_followed_from_its_start(scene: str, tmp_path: Path, compiled: None) -> None:
-    arc = ("--set=stages.load.control=arc_length", *(f"--set={one}" for one in NO_MOTION), "--no-render")
-    assert call("run", scene, *arc, "--out", "run").exit_code == 0
+@pytest.mark.parametrize("way", ["arc length", "shut chamber"])
+def test_what_can_only_be_followed_from_its_start_is(scene: str, tmp_path: Path, compiled: None, way: str) -> None:
+    changes = {
+        "arc length": ("stages.load.control=arc_length", *NO_MOTION),
+        "shut chamber": (
+            "stages.load.closed=['inside']",
+            "pressures={inside = {ambient = 0.1}}",
+            "mesh.cap_start=flat",
+        ),
+    }[way]
+    settings = (*(f"--set={one}" for one in changes), "--no-render")
+    assert call("run", scene, *settings, "--out", "run").exit_code == 0
     whole = outcome(tmp_path / "run")
-    assert read_run(tmp_path / "run").steps[3].solver == "arc length"
+    assert (read_run(tmp_path / "run").steps[3].solver == "arc length") == (way == "arc length")
+    assert (read_run(tmp_path / "run").steps[3].pressures["inside"] != 0.03) == (way == "shut chamber")
 
     def stopped(summary: dict[str, Any]) -> None:
         summary["complete"] = False

@@ -105,6 +105,12 @@ class Newton:
             definite=self.definite,
         )
 
+    def fill(self, gas: Gas | None) -> None:
+        """Couple the displacements with the gas in shut chambers, or no longer."""
+        if gas is not None or self.gas is not None:
+            self._kept = None  # the tangent of another problem
+        self.gas = gas
+
     def free_force(self) -> Floats:
         """(node_count, 3) out-of-balance forces at free components."""
         return np.where(self.free, self.membrane.in_frames(self.membrane.out_of_balance()), 0.0)

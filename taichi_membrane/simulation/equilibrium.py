@@ -78,9 +78,9 @@ class Equilibrium:
 
     def shut(self, names: Sequence[str], state: LoadState) -> None:
         """Shut the valves of the named chambers at the present state, a load state's equilibrium, and open all others."""
-        swept = self.membrane.swept_volumes(self.membrane.displacement())
         chambers = []
         for name in names:
+            swept = self.membrane.swept_volumes(self.membrane.displacement())
             pressure, number = self.model.scene.pressures[name], self.model.pressure_names.index(name)
             triangles, rest_volume = self.model.enclosing(number)
             chambers.append(
@@ -96,7 +96,7 @@ class Equilibrium:
             )
         self.gas = Gas(self.membrane, tuple(chambers)) if chambers else None
         if self.newton is not None:
-            self.newton.gas = self.gas
+            self.newton.fill(self.gas)
 
     def pressures(self, state: LoadState) -> dict[str, float]:
         """The pressures of a load state; those of shut chambers as they now are."""

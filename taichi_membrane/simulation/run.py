@@ -152,11 +152,12 @@ def _writer(
 
 
 def _without_open_path(saved: SavedRun) -> SavedRun:
-    """The run without the steps of a stage by arc length that it was in: a path is followed from its start or not at all.
+    """The run without the steps of the stage that it was in, where that can only be followed from its start: by arc length, or with
+    a chamber shut.
 
-    How far along the path the next step goes is not in the steps' files.
+    How far along the path the next step goes, and what gas was shut in, is not in the steps' files.
     """
-    open_stages = [stage.name for stage in saved.scene.stages if stage.control == "arc_length"]
+    open_stages = [stage.name for stage in saved.scene.stages if stage.control == "arc_length" or stage.closed]
     if saved.complete or not saved.steps or saved.steps[-1].stage not in open_stages:
         return saved
     count = sum(step.stage != saved.steps[-1].stage for step in saved.steps)
