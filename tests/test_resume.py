@@ -148,10 +148,10 @@ def compiled(runtime_cpu: Runtime) -> Iterator[None]:
     """All runs in this process with one solver share their kernels; each starts at rest."""
     from taichi_membrane.simulation import analysis
 
-    ready: dict[str, Any] = {}
+    ready: dict[tuple[str, int], Any] = {}
 
     def shared(model: Any) -> Any:
-        kind = model.scene.solver.kind
+        kind = (model.scene.solver.kind, model.structure.mesh.tri_count)
         if kind not in ready:
             ready[kind] = real(model)
         ready[kind].membrane.set_displacement(np.zeros((ready[kind].membrane.node_count, 3)))

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from taichi_membrane.engine.membrane import ElementState
-from taichi_membrane.engine.multifrontal import Factor
+from taichi_membrane.engine.newton import AnyFactor
 from taichi_membrane.engine.preparation import Floats
 from taichi_membrane.engine.record import SolveRecord
 from taichi_membrane.scene import Modes, Stage
@@ -114,7 +114,7 @@ class Measure:
         asked = self.model.scene.modes
         return asked if asked is not None and asked.stage in (None, stage) else None
 
-    def _tangent(self, stage: str) -> Factor | None:
+    def _tangent(self, stage: str) -> AnyFactor | None:
         """The factorised tangent at the present state, where it is used and not singular."""
         newton, scene = self.equilibrium.newton, self.model.scene
         if newton is None or not (scene.solver.stability or scene.derivatives or self._modes_asked(stage)):
