@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh.topology import EdgeTable, node_parts
 
+LARGEST_COORDINATE = 1e30  # areas squared, and their sums, must not overflow
 # A triangle flatter than this (area over longest edge squared) has no usable normal in double precision.
 FLATTEST_TRIANGLE = 1e-12
 # Volume over area^(3/2) below which a closed body counts as flat, not inside out: the round-off of a sum over 1e6
@@ -35,6 +36,12 @@ def as_points(points: ArrayLike, where: str) -> NDArray[np.float64]:
         at = tuple(array[bad[0]].tolist())
         raise InputError(
             f"{where}: node {bad[0]} has coordinates {at} that are not finite; {bad.size} such nodes in all"
+        )
+    bad = np.flatnonzero((np.abs(array) > LARGEST_COORDINATE).any(axis=1))
+    if bad.size:
+        at = tuple(array[bad[0]].tolist())
+        raise InputError(
+            f"{where}: node {bad[0]} has coordinates {at} beyond {LARGEST_COORDINATE:g}; {bad.size} such nodes in all"
         )
     return array
 
