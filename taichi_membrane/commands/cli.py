@@ -57,6 +57,9 @@ app = typer.Typer(
 )
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A scene file, or the name of a shipped scene.")]
+RepairOption = Annotated[
+    bool, typer.Option("--repair", help="Mend a mesh file where that is safe: orientation, doubled and unused nodes.")
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Replace a value, such as stages.load.steps=3. May be repeated."),
@@ -101,6 +104,7 @@ def run(
     render: Annotated[bool, typer.Option("--render/--no-render", help="Draw pictures and the curve.")] = True,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but failures.")] = False,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="all cores")] = None,
+    repair: RepairOption = False,
 ) -> None:
     """Solve the load steps of a scene, write and draw them.
 
@@ -128,6 +132,7 @@ def run(
                 precision=precision,
                 threads=threads,
                 render=render,
+                repair=repair,
                 observer=view,
             )
     except KeyboardInterrupt:
@@ -147,7 +152,7 @@ def run(
 
 
 @app.command()
-def check(scene: SceneArgument, overrides: SetOption = None) -> None:
+def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOption = False) -> None:
     """Validate a scene and its mesh; run nothing."""
     from taichi_membrane.commands import report
     from taichi_membrane.scene import file as scene_file
@@ -156,7 +161,7 @@ def check(scene: SceneArgument, overrides: SetOption = None) -> None:
     path = scene_file.resolve_scene(scene)
     loaded = scene_file.load_scene(path, overrides or ())
     with _naming(path):
-        model, compiled_in, left_out = summarise(loaded, path.parent)
+        model, compiled_in, left_out = summarise(loaded, path.parent, repair=repair)
     report.print_model(_console(), model, compiled_in, left_out)
 
 

@@ -107,19 +107,17 @@ class Model:
         return float(np.sqrt(np.vdot(pressing, pressing) + np.vdot(dead, dead)))
 
 
-def build_mesh(scene: Scene, base: Path | None = None) -> Mesh:
+def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) -> Mesh:
     """The scene's mesh with its named groups.
 
     :param base: folder that a relative mesh path starts from (the scene file's); the current folder when None.
+    :param repair: mend a mesh file where that is safe; ``Mesh.mended`` says what was done.
     :raises InputError: the shape's numbers, the mesh file or a group's condition are bad.
     """
     source = scene.mesh
     arguments = source.model_dump(exclude={"shape"})
     if source.shape == "file":
-        read = meshes.read_mesh((base or Path()) / source.path)
-        mesh = Mesh.build(
-            read.points * source.scale, read.triangles, read.node_groups, read.tri_groups, where=source.path
-        )
+        mesh = meshes.read_mesh((base or Path()) / source.path, repair=repair, scale=source.scale)
     else:
         if source.shape == "given":
             raise InputError("mesh.shape = 'given' needs a mesh object: run(scene, mesh=...)")

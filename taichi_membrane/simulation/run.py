@@ -33,6 +33,7 @@ def run(
     precision: Precision = "f64",
     threads: int | None = None,
     render: bool = True,
+    repair: bool = False,
     observer: Observer | None = None,
 ) -> RunResult:
     """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
@@ -41,6 +42,7 @@ def run(
     :param out: folder for summary.json, history.csv, step files, curve.png and pictures; nothing is written when None.
     :param base: folder that a relative mesh path starts from; the current one when None.
     :param render: draw pictures and the curve (only with ``out``).
+    :param repair: mend a mesh file where that is safe; ``RunResult.mesh.mended`` says what was done.
     :raises InputError: a scene, mesh or back end that cannot be used. A step that does not converge raises nothing: it ends
         the run, and ``RunResult.converged`` says so.
     """
@@ -50,7 +52,7 @@ def run(
     from taichi_membrane.simulation.results import RunResult
 
     with clock.phase("setup", "reading the mesh"):
-        mesh = build_mesh(scene, base) if mesh is None else with_scene_groups(scene, mesh)
+        mesh = build_mesh(scene, base, repair=repair) if mesh is None else with_scene_groups(scene, mesh)
         model = build_model(scene, mesh)
     with clock.phase("start", "starting Taichi"):
         from taichi_membrane.engine import runtime
@@ -112,7 +114,7 @@ def _finish(result: RunResult, writer: Writer, clock: Clock, *, render: bool) ->
     return replace(result, files=tuple(writer.finish(result)))
 
 
-def summarise(scene: Scene, base: Path | None = None) -> tuple[Model, list[str], list[str]]:
+def summarise(scene: Scene, base: Path | None = None, *, repair: bool = False) -> tuple[Model, list[str], list[str]]:
     """Validate a scene and its mesh without running it; the model, what is compiled in and what is left out.
 
     :raises InputError: anything a run would refuse before it starts.
@@ -120,7 +122,7 @@ def summarise(scene: Scene, base: Path | None = None) -> tuple[Model, list[str],
     from taichi_membrane.simulation import probes
     from taichi_membrane.simulation.model import build_mesh, build_model
 
-    model = build_model(scene, build_mesh(scene, base))
+    model = build_model(scene, build_mesh(scene, base, repair=repair))
     probes.validate(model)
     compiled_in, left_out = model.structure.features().describe()
     return model, compiled_in, left_out
