@@ -103,8 +103,6 @@ def _linked(pairs: NDArray[Any], count: int) -> NDArray[np.int32]:
 def _turned(points: NDArray[np.float64], triangles: NDArray[np.int32], told: list[str]) -> NDArray[np.int32]:
     """The triangles with one orientation on each part, and closed bodies with outward normals."""
     table = edge_table(triangles, len(points))
-    if (table.tri_count > 2).any():
-        return triangles  # no orientation is right there; the checks tell
     flip = _flips(triangles, table.half_edges, table.start[table.tri_count == 2])
     if flip is None:
         return triangles
