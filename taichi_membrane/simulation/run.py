@@ -60,6 +60,11 @@ def run(
         active = runtime.start(arch=arch, precision=precision, threads=threads)
         from taichi_membrane.simulation import analysis, probes
         from taichi_membrane.simulation.equilibrium import solver_kind
+
+        if out is not None and render and not active.on_cpu:
+            from taichi_membrane.pictures.driver import check_driver
+
+            check_driver()
     probes.validate(model)
     with clock.phase("setup"):
         model.structure.prepare(matrix=solver_kind(model) != "relaxation")
