@@ -19,7 +19,8 @@ def check_driver() -> None:
         varies, without a word.
     """
     left = np.array([2.5, 10.5, 20.5, 34.5, 54.5, 80.5, 110.5, 2.5])
-    low = np.where(LEGS == LEGS.max(), 45.5, 2.5)
+    low = np.full(len(LEGS), 2.5)
+    low[-1] = 45.5  # the largest one is below the row of the others
     corners = [(left, low), (left + LEGS, low), (left, low + LEGS)]
     screen = np.stack([np.column_stack((x, y, np.full(len(LEGS), 0.5))) for x, y in corners], axis=1)
     triangles = np.arange(3 * len(LEGS), dtype=np.int32).reshape(-1, 3)
