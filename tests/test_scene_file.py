@@ -195,7 +195,7 @@ def test_a_scene_without_fabric_is_refused_with_the_key(path: Path) -> None:
         (b"name = 'a'\nname = 'b'\n", "not valid TOML: Cannot overwrite a value (at line 2, column 11)"),
         (b"name = 'a'\ntitle = '\xff'\n", "line 2 is not UTF-8 text: byte 0xff at offset 20"),
         (b"x = " + b"[" * 5000, "nested too deeply"),
-        (b"#" * (scene_file.LARGEST_FILE + 1), "10000001 bytes are too many for a scene; 10000000 at most"),
+        (b"#" * (scene_file.LARGEST_FILE + 1), "1000001 bytes are too many for a scene; 1000000 at most"),
         (b"", "name: missing (and 3 more)"),
     ],
 )

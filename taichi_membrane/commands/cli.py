@@ -40,7 +40,10 @@ class _Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except InputError as error:
-            typer.echo(f"error: {' '.join(str(error).split())}", err=True)
+            typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except MemoryError as error:
+            typer.echo(f"error: not enough memory: {error or 'a coarser mesh or fewer load steps need less'}", err=True)
             raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
             typer.echo("interrupted", err=True)
@@ -57,6 +60,9 @@ app = typer.Typer(
 )
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A scene file, or the name of a shipped scene.")]
+RepairOption = Annotated[
+    bool, typer.Option("--repair", help="Mend a mesh file where that is safe: orientation, doubled and unused nodes.")
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Replace a value, such as stages.load.steps=3. May be repeated."),
@@ -108,6 +114,7 @@ def run(
     render: Annotated[bool, typer.Option("--render/--no-render", help="Draw pictures and the curve.")] = True,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but failures.")] = False,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="all cores")] = None,
+    repair: RepairOption = False,
 ) -> None:
     """Solve the load steps of a scene, write and draw them.
 
@@ -138,6 +145,7 @@ def run(
                 precision=precision,
                 threads=threads,
                 render=render,
+                repair=repair,
                 observer=observer,
             )
 
@@ -196,7 +204,7 @@ def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, q
 
 
 @app.command()
-def check(scene: SceneArgument, overrides: SetOption = None) -> None:
+def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOption = False) -> None:
     """Validate a scene and its mesh; run nothing."""
     from taichi_membrane.commands import report
     from taichi_membrane.scene import file as scene_file
@@ -205,7 +213,7 @@ def check(scene: SceneArgument, overrides: SetOption = None) -> None:
     path = scene_file.resolve_scene(scene)
     loaded = scene_file.load_scene(path, overrides or ())
     with _naming(path):
-        model, compiled_in, left_out = summarise(loaded, path.parent)
+        model, compiled_in, left_out = summarise(loaded, path.parent, repair=repair)
     report.print_model(_console(), model, compiled_in, left_out)
 
 

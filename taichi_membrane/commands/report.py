@@ -38,6 +38,8 @@ class Column:
 
 def print_run(console: Console, result: RunResult) -> None:
     """Print the load steps, the checks, times and files of a run."""
+    for line in result.mesh.mended:
+        _print_wrapped(console, "mended", line)
     _print_steps(console, result)
     print_failed_steps(console, result)
     _print_at_rest(console, result)
@@ -235,6 +237,7 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
         ("scene", f"{scene.name}: {scene.title}" if scene.title else scene.name),
         ("units", f"{units.length}, {units.force}, stress and pressure in {units.stress}"),
         ("mesh", f"{scene.mesh.shape}: {mesh.node_count} nodes, {mesh.tri_count} elements, {area}, {closed}"),
+        *(("mended", line) for line in mesh.mended),
         ("nodes", ", ".join(f"{name}: {len(members)}" for name, members in mesh.node_groups.items())),
         ("elements", ", ".join(f"{name}: {len(members)}" for name, members in mesh.tri_groups.items())),
         *(("fabric", line) for line in _fabric_lines(scene)),

@@ -9,6 +9,8 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import subprocess
+import sys
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -51,6 +53,8 @@ def start(*, arch: Arch = "cpu", precision: Precision = "f64", threads: int | No
         return _started[1]
     _check_names(arch, precision)
     ti = _import_taichi()
+    if arch == "opengl":
+        _refuse_crash(arch)
     options: dict[str, Any] = {"cpu_max_num_threads": threads} if threads else {}
     fp = ti.f64 if precision == "f64" else ti.f32
     with contextlib.redirect_stdout(io.StringIO()):
@@ -91,12 +95,25 @@ def _import_taichi() -> Any:
     return ti
 
 
+def _refuse_crash(arch: Arch) -> None:
+    """Taichi crashes where OpenGL finds no display or driver, and nothing can catch that: try it in another process first."""
+    if not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+        os.environ.setdefault("EGL_PLATFORM", "surfaceless")  # Mesa looks for a display otherwise
+    trial = f"import taichi as ti; ti.init(arch=ti.{arch}, log_level=ti.ERROR)"
+    done = subprocess.run([sys.executable, "-c", trial], capture_output=True, check=False)
+    if done.returncode:
+        raise _unavailable(arch, f"Taichi crashes when it starts it, code {done.returncode}")
+
+
+def _unavailable(arch: Arch, why: str) -> InputError:
+    others = ", ".join(repr(name) for name in get_args(Arch) if name not in (arch, "cpu"))
+    return InputError(f"arch = {arch!r} is not available on this machine ({why}); use 'cpu', or try one of {others}")
+
+
 def _refuse_replacement(ti: Any, arch: Arch, actual: Any) -> None:
     """Taichi falls back to the CPU when a back end is missing; a run must not claim a back end it did not use."""
     cpu = (ti.x64, ti.arm64)
     wanted = {"cpu": cpu, "gpu": (ti.cuda, ti.vulkan, ti.metal, ti.opengl)}.get(arch) or (getattr(ti, arch),)
     if actual not in wanted:
         ti.reset()
-        raise InputError(
-            f"arch = {arch!r} is not available on this machine (Taichi would use {actual.name!r} instead); use arch = 'cpu'"
-        )
+        raise _unavailable(arch, f"Taichi would use {actual.name!r} instead")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh.topology import EdgeTable, node_parts
 
+LARGEST_COORDINATE = 1e30  # areas squared, and their sums, must not overflow
 # A triangle flatter than this (area over longest edge squared) has no usable normal in double precision.
 FLATTEST_TRIANGLE = 1e-12
 # Volume over area^(3/2) below which a closed body counts as flat, not inside out: the round-off of a sum over 1e6
@@ -35,6 +36,12 @@ def as_points(points: ArrayLike, where: str) -> NDArray[np.float64]:
         at = tuple(array[bad[0]].tolist())
         raise InputError(
             f"{where}: node {bad[0]} has coordinates {at} that are not finite; {bad.size} such nodes in all"
+        )
+    bad = np.flatnonzero((np.abs(array) > LARGEST_COORDINATE).any(axis=1))
+    if bad.size:
+        at = tuple(array[bad[0]].tolist())
+        raise InputError(
+            f"{where}: node {bad[0]} has coordinates {at} beyond {LARGEST_COORDINATE:g}; {bad.size} such nodes in all"
         )
     return array
 
@@ -74,9 +81,9 @@ def area_vectors(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> N
 
 
 def check_elements(
-    points: NDArray[np.float64], triangles: NDArray[np.int32], tri_area: NDArray[np.float64], where: str
+    points: NDArray[np.float64], triangles: NDArray[np.int32], tri_area: NDArray[np.float64], where: str, hint: str = ""
 ) -> None:
-    """Refuse repeated corners, triangles without area, and nodes that no triangle uses."""
+    """Refuse repeated corners, triangles without area, and nodes that no triangle uses (``hint`` says how to mend that)."""
     a, b, c = triangles.T
     bad = np.flatnonzero((a == b) | (b == c) | (c == a))
     if bad.size:
@@ -94,10 +101,11 @@ def check_elements(
     used[triangles] = True
     bad = np.flatnonzero(~used)
     if bad.size:
-        raise InputError(f"{where}: {bad.size} of {len(points)} nodes belong to no element, the first is node {bad[0]}")
+        told = f"{bad.size} of {len(points)} nodes belong to no element, the first is node {bad[0]}"
+        raise InputError(f"{where}: {told}" + (f". Leave them out{hint}" if hint else ""))
 
 
-def check_edges(triangles: NDArray[np.int32], table: EdgeTable, where: str) -> None:
+def check_edges(triangles: NDArray[np.int32], table: EdgeTable, where: str, hint: str = "") -> None:
     """Refuse duplicate triangles, edges of more than two triangles, and neighbours with opposite normals."""
     _check_duplicates(triangles, table, where)
     bad = np.flatnonzero(table.tri_count > 2)
@@ -117,7 +125,7 @@ def check_edges(triangles: NDArray[np.int32], table: EdgeTable, where: str) -> N
         raise InputError(
             f"{where}: elements {first} and {second} run along their common edge, nodes {_pair(table, int(bad[0]))}, "
             f"in the same direction, so their normals point to opposite sides; {bad.size} such edges in all. "
-            "Orient the triangles alike (counter-clockwise seen from the positive side)"
+            f"Orient the triangles alike (counter-clockwise seen from the positive side){hint}"
         )
 
 
@@ -144,27 +152,35 @@ def check_bodies(
     table: EdgeTable,
     tri_area: NDArray[np.float64],
     where: str,
+    hint: str = "",
 ) -> None:
-    """Refuse a closed body that is inside out: pressure would act inwards.
+    """Refuse a closed body that is inside out: pressure would act inwards."""
+    inverted, label, volume = inverted_bodies(points, triangles, table, tri_area)
+    if inverted:
+        part = inverted[0]
+        several = label.any()
+        which = f" with node {int(np.argmax(label == part))}, one of {len(inverted)} such bodies," if several else ""
+        raise InputError(
+            f"{where}: the closed body{which} is inside out: its enclosed volume is {volume[part]:.6g}, so a positive "
+            f"pressure would act inwards. Reverse the corner order of its triangles{hint}"
+        )
 
-    A cavity inside a larger body, whose own normals point into it, is right and is let through.
+
+def inverted_bodies(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], table: EdgeTable, tri_area: NDArray[np.float64]
+) -> tuple[list[int], NDArray[np.int32], NDArray[np.float64]]:
+    """Return the closed parts that are inside out, the part of each node, and the enclosed volume of each part.
+
+    A cavity inside a larger body, whose own normals point into it, is right and is not among them.
     """
     count, label = node_parts(table.nodes, len(points))
     closed = np.ones(count, dtype=bool)
     closed[label[table.nodes[table.tri_count == 1, 0]]] = False
-    if not closed.any():
-        return
     volume = part_volumes(points, triangles, label)
     area = np.bincount(label[triangles[:, 0]], weights=tri_area, minlength=count)
     negative = np.flatnonzero(closed & (volume < -FLAT_BODY * area**1.5))
     inverted = [part for part in negative.tolist() if not _is_cavity(points, label, volume, closed, part)]
-    if inverted:
-        part = inverted[0]
-        which = "" if count == 1 else f" with node {int(np.argmax(label == part))}, one of {len(inverted)} such bodies,"
-        raise InputError(
-            f"{where}: the closed body{which} is inside out: its enclosed volume is {volume[part]:.6g}, so a positive "
-            "pressure would act inwards. Reverse the corner order of its triangles"
-        )
+    return inverted, label, volume
 
 
 def part_volumes(

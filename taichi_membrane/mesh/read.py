@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_membrane.errors import InputError
+from taichi_membrane import bounds
+from taichi_membrane.errors import InputError, kind_of_path
+
+# Reading a file may take this many bytes, and this many for each of its own: numbers as text become Python objects on the
+# way, and vtu files hold compressed data. A header that claims more than the file can hold meets the bound.
+_ROOM, _GROWTH = 1_000_000_000, 100
+# Some readers of meshio (Fluent, Tecplot, WKT, PLY without the end of its header) never end on a damaged file; text takes about
+# 1 s per megabyte.
+_PATIENCE, _SECONDS_PER_BYTE = 30.0, 1e-5
 
 # Dimension of the cells that are read; the triangles become elements, the others only name nodes.
 _DIMENSION = {"vertex": 0, "line": 1, "triangle": 2}
@@ -57,20 +66,42 @@ def read_parts(path: Path) -> MeshParts:
 def _read_quietly(path: Path) -> Any:
     import meshio  # here, not above: it takes a quarter of a second that most runs do not need
 
-    if not path.exists():
-        raise InputError(f"{path}: there is no such mesh file")
-    if not path.is_file():
-        raise InputError(f"{path}: a mesh file is needed, this is a folder")
+    kind = kind_of_path(path)
+    if kind != "file":
+        fault = "there is no such mesh file" if kind == "missing" else f"a mesh file is needed, this is a {kind}"
+        raise InputError(f"{path}: {fault}")
     known = meshio.extension_to_filetypes
     if not any("".join(path.suffixes[-n:]).lower() in known for n in (1, 2)):
         raise InputError(
             f"{path}: the file extension '{path.suffix}' is unknown, meshio reads {', '.join(sorted(known))}"
         )
+    size = path.stat().st_size
+    seconds = _PATIENCE + _SECONDS_PER_BYTE * size
+    short = bounds.shortage(size)
+    if short is not None:
+        raise InputError(f"{path}: a mesh file of {size} bytes {short}")
     said = io.StringIO()
     try:
         # meshio prints its complaints and may end the process with SystemExit.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), np.errstate(all="ignore"):
+        with (
+            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(said),
+            warnings.catch_warnings(),
+            np.errstate(all="ignore"),
+            bounds.at_most(_ROOM + _GROWTH * size),
+            bounds.at_most_seconds(seconds),
+        ):
+            warnings.simplefilter("ignore")  # what is odd and matters is found below
             return meshio.read(path)
+    except bounds.TooLong:
+        raise InputError(
+            f"{path}: the mesh cannot be read: its {size} bytes took more than {seconds:.3g} s; "
+            "some readers never end on a damaged file"
+        ) from None
+    except MemoryError:
+        raise InputError(
+            f"{path}: the mesh cannot be read: its {size} bytes claim more than {(_ROOM + _GROWTH * size) / 1e9:.3g} GB of data"
+        ) from None
     except (Exception, SystemExit) as error:
         told = f"{type(error).__name__}: {error}" if isinstance(error, Exception) else ""
         reason = " ".join(f"{said.getvalue()} {told}".split())

@@ -18,6 +18,7 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import check
 from taichi_membrane.mesh.conditions import select
 from taichi_membrane.mesh.read import read_parts
+from taichi_membrane.mesh.repair import HINT, mend
 from taichi_membrane.mesh.rigid import rigid_motions_left
 from taichi_membrane.mesh.topology import EdgeTable, edge_table, node_parts
 
@@ -33,6 +34,7 @@ class Mesh:
     :param node_groups: named sorted node numbers; "all" always, "boundary" when the surface has an edge.
     :param tri_groups: named sorted element numbers; "all" always.
     :param tri_warp: (tri_count, 3) unit vectors along the warp yarns, in the element's plane, or None when unknown.
+    :param mended: what was repaired when the mesh was built, a line for each kind of fault.
     """
 
     points: NDArray[np.float64]
@@ -40,6 +42,7 @@ class Mesh:
     node_groups: Mapping[str, NDArray[np.int32]]
     tri_groups: Mapping[str, NDArray[np.int32]]
     tri_warp: NDArray[np.float64] | None = None
+    mended: tuple[str, ...] = ()
 
     @classmethod
     def build(
@@ -51,23 +54,33 @@ class Mesh:
         tri_warp: ArrayLike | None = None,
         *,
         where: str = "mesh",
+        repair: bool = False,
     ) -> Mesh:
         """Convert, check and freeze a mesh; add the groups "all" and "boundary" (unless one of that name is given).
 
         :param tri_warp: (tri_count, 3) directions of any length; each is projected on its element and made unit.
         :param where: the file or key the data came from; begins every message.
+        :param repair: first join nodes at one place on free edges, leave out unused nodes, orient neighbours alike and
+            closed bodies outwards; ``mended`` says what was done. Warp directions keep their elements.
         :raises InputError: wrong shapes, coordinates that are not finite, node numbers out of range, degenerate or
             duplicate elements, unused nodes, edges of three elements, neighbours of opposite orientation, a closed
             body that is inside out, an empty group or one with numbers out of range.
         """
         xyz = check.as_points(points, where)
         corners = check.as_triangles(triangles, len(xyz), where)
+        node_members = check.as_groups(node_groups or {}, len(xyz), "node", where)
+        mended: tuple[str, ...] = ()
+        if repair:
+            done = mend(xyz, corners, node_members)
+            xyz, corners, mended = done.points, done.triangles, done.told
+            node_members = check.as_groups(done.node_groups, len(xyz), "node", where)
+        hint = "" if repair else HINT
         area_vector = check.area_vectors(xyz, corners)
         tri_area = np.linalg.norm(area_vector, axis=1)
-        check.check_elements(xyz, corners, tri_area, where)
+        check.check_elements(xyz, corners, tri_area, where, hint)
         table = edge_table(corners, len(xyz))
-        check.check_edges(corners, table, where)
-        check.check_bodies(xyz, corners, table, tri_area, where)
+        check.check_edges(corners, table, where, hint)
+        check.check_bodies(xyz, corners, table, tri_area, where, hint)
         nodes = {"all": check.frozen(np.arange(len(xyz), dtype=np.int32))}
         boundary = table.nodes[table.tri_count == 1]
         if boundary.size:
@@ -76,9 +89,10 @@ class Mesh:
         mesh = cls(
             check.frozen(xyz),
             check.frozen(corners),
-            nodes | check.as_groups(node_groups or {}, len(xyz), "node", where),
+            nodes | node_members,
             elements | check.as_groups(tri_groups or {}, len(corners), "element", where),
             None if tri_warp is None else check.frozen(check.as_warp(tri_warp, area_vector, where)),
+            mended,
         )
         mesh.__dict__["_edges"] = table  # the cached property, already computed here
         return mesh
@@ -135,17 +149,20 @@ class Mesh:
         return node_parts(self._edges.nodes, self.node_count)[1]
 
 
-def read_mesh(path: str | Path) -> Mesh:
+def read_mesh(path: str | Path, *, repair: bool = False, scale: float = 1.0) -> Mesh:
     """Read a triangle mesh from a file of any format meshio knows (gmsh, vtk, vtu, stl, obj, ply, Abaqus, …).
 
     Nodes that no triangle uses are dropped. Groups come from gmsh physical groups and from named cell and point sets;
     named lines and vertices become node groups, a group of triangles also gives a node group of its name.
 
+    :param repair: mend what can be mended; see :meth:`Mesh.build`.
+    :param scale: factor on all coordinates.
     :raises InputError: the file is missing, unreadable or of unknown format, holds cells other than triangles, lines
         and vertices, or fails a check of :meth:`Mesh.build`.
     """
     parts = read_parts(Path(path))
-    return Mesh.build(parts.points, parts.triangles, parts.node_groups, parts.tri_groups, where=str(path))
+    points = scale * parts.points
+    return Mesh.build(points, parts.triangles, parts.node_groups, parts.tri_groups, where=str(path), repair=repair)
 
 
 def with_groups(

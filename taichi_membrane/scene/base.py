@@ -2,15 +2,44 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+# Products of six such numbers, as areas squared and energies are, neither overflow nor vanish in double precision.
+LARGEST, SMALLEST = 1e30, 1e-30
+
+
+def _not_tiny(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"{value:g} must be at least {SMALLEST:g}")
+    return value
+
+
+def _has_length(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*value) < SMALLEST:
+        raise ValueError(f"a direction needs a length above zero ({SMALLEST:g} at least)")
+    return value
+
+
+def _readable(value: str) -> str:
+    """Refuse control characters: they would steer a terminal and break XML."""
+    bad = next((c for c in value if not c.isprintable() and c not in "\n\t"), None)
+    if bad is not None:
+        raise ValueError(f"the text holds a character that cannot be printed, U+{ord(bad):04X}")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_not_tiny)]
+Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
+Direction = Annotated[Vector, AfterValidator(_has_length)]
+GroupName = Annotated[str, Field(min_length=1, max_length=200)]  # groups of mesh files have names of any kind
+Label = Annotated[str, Field(max_length=300), AfterValidator(_readable)]
 Component = Literal["x", "y", "z"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
+MOST = 1000  # entries of a table or list of a scene: each one may cost an array of the mesh's size
 Count = Annotated[int, Field(ge=1, le=100_000)]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,11 +10,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from taichi_membrane.errors import InputError
+from taichi_membrane.errors import InputError, kind_of_path
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import did_you_mean, first_problem, nearest, shown
 
-LARGEST_FILE = 10_000_000  # bytes; a scene holds no mesh, so a larger file is not one
+LARGEST_FILE = 1_000_000  # bytes; a scene holds no mesh, so a larger file is not one
+# A dotted key of many parts: reading it takes Python's TOML reader time with the square of their number.
+_DEEP_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){40}""")
 
 
 def load_scene(path: Path, overrides: Sequence[str] = ()) -> Scene:
@@ -50,11 +53,12 @@ def resolve_scene(text: str) -> Path:
     :raises InputError: neither.
     """
     path, shipped = Path(text), shipped_scenes()
-    if path.is_file():
+    kind = kind_of_path(path)
+    if kind == "file":
         return path
     if text in shipped:
         return shipped[text]
-    if path.exists():
+    if kind == "folder":
         raise InputError(f"{text}: a scene file is needed, this is a folder")
     guess = did_you_mean(nearest(text, shipped))
     raise InputError(
@@ -63,10 +67,10 @@ def resolve_scene(text: str) -> Path:
 
 
 def _read(path: Path) -> str:
-    if path.is_dir():
-        raise InputError(f"{path}: a scene file is needed, this is a folder")
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such scene file")
+    kind = kind_of_path(path)
+    if kind != "file":
+        fault = "there is no such scene file" if kind == "missing" else f"a scene file is needed, this is a {kind}"
+        raise InputError(f"{path}: {fault}")
     try:
         size = path.stat().st_size
         if size > LARGEST_FILE:
@@ -84,9 +88,15 @@ def _read(path: Path) -> str:
 
 
 def _parse(path: Path, text: str) -> dict[str, Any]:
+    deep = _DEEP_KEY.search(text)
+    if deep is not None:
+        line = text.count("\n", 0, deep.start()) + 1
+        raise InputError(
+            f"{path}: line {line} has a key of more than 40 parts: tables are nested too deeply for a scene"
+        )
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # a number of thousands of digits raises this alone, all else is a TOMLDecodeError
         raise InputError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: lists or tables are nested too deeply for a scene") from None
@@ -135,7 +145,7 @@ def _index(items: list[Any], part: str, where: str) -> int:
 def _value(text: str) -> Any:
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):
         return text.strip()
     # A text with a line break could smuggle in further keys.
     return parsed["value"] if parsed.keys() == {"value"} else text.strip()

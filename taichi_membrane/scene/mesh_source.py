@@ -103,7 +103,7 @@ class MeshFile(Model):
     """A triangle mesh in any format meshio reads; a relative path is relative to the scene file."""
 
     shape: Literal["file"] = "file"
-    path: Annotated[str, Field(min_length=1)]
+    path: Annotated[str, Field(min_length=1, max_length=1000)]
     scale: Positive = 1.0
 
 

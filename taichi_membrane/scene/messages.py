@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 _LONGEST_VALUE = 60  # characters of a bad value that are repeated in a message
+_MOST_READ = 200  # errors that are put into words; a file full of rubbish has a hundred thousand
 _COMPARED = {
     "greater_than": ("gt", "above"),
     "greater_than_equal": ("ge", "at least"),
@@ -61,6 +62,7 @@ def first_problem(error: ValidationError, data: Any, model: type[BaseModel]) -> 
     details = [detail for detail in error.errors(include_url=False) if not _wrong_branch(detail)]
     # A misspelt key is both unknown and missing; what was written tells more than what was not.
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
+    details, unread = details[:_MOST_READ], len(details[_MOST_READ:])
     problems: dict[str, Problem] = {}
     explained: set[str] = set()
     for detail in details:
@@ -72,7 +74,7 @@ def first_problem(error: ValidationError, data: Any, model: type[BaseModel]) -> 
             explained.update({_joined(place.key.rpartition(".")[0], meant)} if meant else ())
         problem = _problem(detail, place)
         problems.setdefault(problem.key, problem)
-    return next(iter(problems.values())), len(problems) - 1
+    return next(iter(problems.values())), len(problems) - 1 + unread
 
 
 def nearest(word: str, allowed: Iterable[str]) -> str | None:
@@ -96,7 +98,7 @@ def _wrong_branch(detail: ErrorDetails) -> bool:
     """Pydantic tries each branch of "a number or a table"; only the branch that fits what was given has something to say."""
     if any(str(part).startswith("dict[") for part in detail["loc"]):
         return detail["type"] == "dict_type"
-    return detail["loc"][-1:] == ("float",) and isinstance(detail["input"], dict)
+    return detail["loc"][-1:] in (("float",), ("constrained-float",)) and isinstance(detail["input"], dict)
 
 
 def _place(location: tuple[int | str, ...], data: Any, model: type[BaseModel]) -> _Place:
@@ -141,7 +143,7 @@ def _member(union: Any, label: str) -> Any:
         if isinstance(member, type) and issubclass(member, BaseModel):
             if label in _tags(member):
                 return member
-        elif label.startswith(getattr(get_origin(member) or member, "__name__", "?")):
+        elif label.removeprefix("constrained-").startswith(getattr(get_origin(member) or member, "__name__", "?")):
             return member
     return None
 
@@ -216,7 +218,8 @@ def _text(kind: str, context: dict[str, Any], given: Any, message: str) -> str:
         case "too_short":
             return f"{context['actual_length']} items, but at least {context['min_length']} are needed"
         case "too_long":
-            return f"{context['actual_length']} items, but at most {context['max_length']} are allowed"
+            held = context["actual_length"] or len(given)  # pydantic does not count a table's keys
+            return f"{held} items, but at most {context['max_length']} are allowed"
     wanted = _WANTED.get(kind.partition("_")[0])
     return f"must be {wanted}, not {value}" if wanted else message
 
@@ -229,5 +232,7 @@ def shown(value: Any) -> str:
         return "a table"
     if isinstance(value, list | tuple):
         return "a list"
+    if isinstance(value, int) and value.bit_length() > 256:
+        return f"a whole number of {value.bit_length()} bits"  # Python refuses to write the largest ones in decimal
     text = repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"

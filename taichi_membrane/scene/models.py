@@ -13,12 +13,14 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from taichi_membrane.names import SideStrain, WrinklingLaw
-from taichi_membrane.scene.base import Finite, Model, Name, Positive, Vector
+from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Label, Model, Name, Positive, Vector
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
 from taichi_membrane.scene.support import Motion, Support
 
 _DIFFERENTIABLE = ("displacement", "radius", "rotation", "volume")  # kinds of probes that derivatives exist for
+_FEW = Field(max_length=MOST)
+LARGEST_PICTURE = 8192 * 4320  # pixels; drawing takes about 150 bytes for each
 
 
 class Units(Model):
@@ -53,7 +55,7 @@ class Units(Model):
 class Group(Model):
     """A named group chosen by coordinates, such as ``"x = 0 within 1e-6 and z > 3"``."""
 
-    where: str
+    where: Annotated[str, Field(max_length=1000)]
     kind: Literal["nodes", "elements"] = "nodes"
 
 
@@ -73,7 +75,7 @@ class Fabric(Model):
     thickness: Positive
     law: WrinklingLaw = "tension_field"
     side_strain: SideStrain = "green"
-    warp: Vector | None = None
+    warp: Direction | None = None
     warp_angle: Finite = 0.0
     prestress: Vector = (0.0, 0.0, 0.0)
     density: Positive | None = None
@@ -97,13 +99,6 @@ class Fabric(Model):
         if self.E is not None and self.nu <= -1:
             raise ValueError(f"nu = {self.nu:g} must be above -1")
         return self
-
-    @field_validator("warp")
-    @classmethod
-    def _direction(cls, value: Vector | None) -> Vector | None:
-        if value is not None and not any(value):
-            raise ValueError("a direction needs a length above zero")
-        return value
 
     @property
     def warp_modulus(self) -> float:
@@ -129,7 +124,7 @@ class Pressure(Model):
     keeps p_abs Vⁿ with n = ``exponent``: 1 at constant temperature, 1.4 for air that exchanges no heat.
     """
 
-    group: str = "all"
+    group: GroupName = "all"
     kind: Literal["follower", "fixed"] = "follower"
     ambient: Positive | None = None
     exponent: Annotated[float, Field(ge=1, le=2)] = 1.0
@@ -143,8 +138,8 @@ class Load(Model):
     ``spread`` of a total: ``equal`` shares, or by the length of ``edges`` or the ``area`` that belongs to each node.
     """
 
-    group: str
-    direction: Vector
+    group: GroupName
+    direction: Direction
     kind: Literal["total", "line", "area"] = "total"
     spread: Literal["equal", "edges", "area"] = "equal"
 
@@ -195,7 +190,7 @@ class Check(Model):
     reference: Finite
     tolerance: Positive | None = None
     absolute: Positive | None = None
-    source: Annotated[str, Field(min_length=1)]
+    source: Annotated[Label, Field(min_length=1)]
 
     @model_validator(mode="after")
     def _one_tolerance(self) -> Self:
@@ -219,11 +214,20 @@ class Camera(Model):
     supports: bool = False
     directions: bool = True
 
+    @field_validator("size")
+    @classmethod
+    def _not_too_large(cls, value: tuple[int, int]) -> tuple[int, int]:
+        if value[0] * value[1] > LARGEST_PICTURE:
+            raise ValueError(
+                f"{value[0]} × {value[1]} = {value[0] * value[1]} pixels, at most {LARGEST_PICTURE} are allowed"
+            )
+        return value
+
 
 class CurveLine(Model):
     """A line across the curve plot at a value of x or of y."""
 
-    label: str
+    label: Label
     axis: Literal["x", "y"]
     value: Finite
 
@@ -231,7 +235,7 @@ class CurveLine(Model):
 class CurveReference(Model):
     """A reference curve, drawn beside the computed one."""
 
-    label: str
+    label: Label
     x: list[Finite]
     y: list[Finite]
 
@@ -254,8 +258,8 @@ class Curve(Model):
     stage: str | None = None
     x_scale: Finite = 1.0
     y_scale: Finite = 1.0
-    x_label: str | None = None
-    y_label: str | None = None
+    x_label: Label | None = None
+    y_label: Label | None = None
     lines: list[CurveLine] = []
     references: list[CurveReference] = []
 
@@ -273,7 +277,7 @@ class Solver(Model):
 
     kind: Literal["hybrid", "newton", "relaxation"] = "hybrid"
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
-    max_iterations: Annotated[int, Field(ge=1)] = 200_000
+    max_iterations: Annotated[int, Field(ge=1, le=1_000_000_000)] = 200_000
     max_cuts: Annotated[int, Field(ge=0, le=20)] = 4
     stability: bool = True
 
@@ -294,21 +298,21 @@ class Scene(Model):
     """Everything a run needs."""
 
     name: Name
-    title: str = ""
+    title: Label = ""
     description: str = ""
     units: Units
     mesh: MeshSource
-    groups: dict[Name, Group] = {}
+    groups: Annotated[dict[Name, Group], _FEW] = {}
     fabric: Fabric | None = None
-    fabrics: dict[Name, Fabric] = {}
-    supports: list[Support] = []
-    pressures: dict[Name, Pressure] = {"inside": Pressure()}
-    loads: dict[Name, Load] = {}
-    motions: dict[Name, Motion] = {}
-    stages: Annotated[list[Stage], Field(min_length=1)]
-    probes: dict[Name, Probe] = {}
-    checks: list[Check] = []
-    derivatives: list[Name] = []
+    fabrics: Annotated[dict[Name, Fabric], _FEW] = {}
+    supports: Annotated[list[Support], _FEW] = []
+    pressures: Annotated[dict[Name, Pressure], _FEW] = {"inside": Pressure()}
+    loads: Annotated[dict[Name, Load], _FEW] = {}
+    motions: Annotated[dict[Name, Motion], _FEW] = {}
+    stages: Annotated[list[Stage], Field(min_length=1, max_length=MOST)]
+    probes: Annotated[dict[Name, Probe], _FEW] = {}
+    checks: Annotated[list[Check], _FEW] = []
+    derivatives: Annotated[list[Name], _FEW] = []
     modes: Modes | None = None
     curve: Curve | None = None
     camera: Camera = Camera()

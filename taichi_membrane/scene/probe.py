@@ -6,14 +6,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from taichi_membrane.scene.base import Component, Model, Vector
+from taichi_membrane.scene.base import Component, Direction, GroupName, Model, Vector
 
 
 class DisplacementProbe(Model):
     """Mean displacement of a node group along x, y, z, or its ``magnitude``."""
 
     kind: Literal["displacement"]
-    group: str
+    group: GroupName
     component: Literal["x", "y", "z", "magnitude"]
 
 
@@ -21,7 +21,7 @@ class ReactionProbe(Model):
     """Sum of the support forces on a node group."""
 
     kind: Literal["reaction"]
-    group: str
+    group: GroupName
     component: Component
 
 
@@ -29,8 +29,8 @@ class MomentProbe(Model):
     """Moment of the support forces on a node group about an axis through a point, right-handed, on the deformed shape."""
 
     kind: Literal["moment"]
-    group: str
-    axis: Vector
+    group: GroupName
+    axis: Direction
     through: Vector
 
 
@@ -38,8 +38,8 @@ class RotationProbe(Model):
     """Mean rotation, in degrees, of a node group about an axis through a point: least squares over its nodes."""
 
     kind: Literal["rotation"]
-    group: str
-    axis: Vector
+    group: GroupName
+    axis: Direction
     through: Vector
 
 
@@ -47,7 +47,7 @@ class RadiusProbe(Model):
     """Mean distance of a node group's deformed positions from an axis (through the group's middle), or from that middle."""
 
     kind: Literal["radius"]
-    group: str
+    group: GroupName
     axis: Component | Literal["centre"]
 
 
@@ -61,7 +61,7 @@ class StressProbe(Model):
     """Extreme or area-mean principal stress of an element group."""
 
     kind: Literal["stress"]
-    group: str = "all"
+    group: GroupName = "all"
     which: Literal["major", "minor"] = "major"
     reduce: Literal["max", "min", "mean"] = "max"
 
@@ -78,7 +78,7 @@ class AreaProbe(Model):
     """Share (0 to 1) of an element group's area that is in a state."""
 
     kind: Literal["area_share"]
-    group: str = "all"
+    group: GroupName = "all"
     state: Literal["taut", "wrinkled", "slack"] = "wrinkled"
 
 

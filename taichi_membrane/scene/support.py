@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from taichi_membrane.scene.base import Model, Vector
+from taichi_membrane.scene.base import Direction, GroupName, Model, Vector
 
 
 def _distinct(value: str) -> str:
@@ -25,16 +25,14 @@ class Support(Model):
     ``normal`` makes a plane of symmetry of any direction: the nodes slide in it.
     """
 
-    group: str
+    group: GroupName
     hold: Components | None = None
-    normal: Vector | None = None
+    normal: Direction | None = None
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
         if (self.hold is None) == (self.normal is None):
             raise ValueError("give either hold (some of x, y, z) or normal (a direction)")
-        if self.normal is not None and not any(self.normal):
-            raise ValueError("normal: a direction needs a length above zero")
         return self
 
 
@@ -42,7 +40,7 @@ class Translation(Model):
     """A prescribed motion: the named components of a node group move by the stage's factor times ``direction``."""
 
     kind: Literal["translation"]
-    group: str
+    group: GroupName
     direction: Vector
     hold: Components = "xyz"
 
@@ -54,17 +52,10 @@ class Rotation(Model):
     """
 
     kind: Literal["rotation"]
-    group: str
-    axis: Vector
+    group: GroupName
+    axis: Direction
     through: Vector
     hold: Components = "xyz"
-
-    @field_validator("axis")
-    @classmethod
-    def _axis_has_length(cls, value: Vector) -> Vector:
-        if not any(value):
-            raise ValueError("a direction needs a length above zero")
-        return value
 
 
 Motion = Annotated[Translation | Rotation, Field(discriminator="kind")]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import spatial
 
+from taichi_membrane import bounds, shapes
 from taichi_membrane import mesh as meshes
-from taichi_membrane import shapes
 from taichi_membrane.engine import preparation
 from taichi_membrane.engine.preparation import FabricConstants, Floats, Ints
 from taichi_membrane.engine.structure import Structure
@@ -19,6 +19,11 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.mesh.topology import edge_table
 from taichi_membrane.scene import Fabric, Load, Rotation, Scene, Translation
+
+# What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
+# for every load step (displacements, reactions, element fields); besides, the record of a step.
+_NODE_BYTES, _TRIANGLE_BYTES = 150, 250
+_STEP_NODE_BYTES, _STEP_TRIANGLE_BYTES, _STEP_BYTES = 48, 113, 2000
 
 _SHAPES: dict[str, Callable[..., Mesh]] = {
     "tube": shapes.tube,
@@ -110,19 +115,17 @@ class Model:
         return float(np.sqrt(np.vdot(pressing, pressing) + np.vdot(dead, dead)))
 
 
-def build_mesh(scene: Scene, base: Path | None = None) -> Mesh:
+def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) -> Mesh:
     """The scene's mesh with its named groups.
 
     :param base: folder that a relative mesh path starts from (the scene file's); the current folder when None.
+    :param repair: mend a mesh file where that is safe; ``Mesh.mended`` says what was done.
     :raises InputError: the shape's numbers, the mesh file or a group's condition are bad.
     """
     source = scene.mesh
     arguments = source.model_dump(exclude={"shape"})
     if source.shape == "file":
-        read = meshes.read_mesh((base or Path()) / source.path)
-        mesh = Mesh.build(
-            read.points * source.scale, read.triangles, read.node_groups, read.tri_groups, where=source.path
-        )
+        mesh = meshes.read_mesh((base or Path()) / source.path, repair=repair, scale=source.scale)
     else:
         if source.shape == "given":
             raise InputError("mesh.shape = 'given' needs a mesh object: run(scene, mesh=...)")
@@ -146,6 +149,7 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
 
     :raises InputError: unknown groups, elements without a fabric, no warp direction, supports that leave a rigid motion.
     """
+    _check_memory(scene, mesh)
     fabrics, tri_fabric = _fabrics(scene, mesh)
     tri_chamber, pressure_names = _chambers(scene, mesh)
     unit_loads = {name: _unit_load(load, mesh, f"loads.{name}") for name, load in scene.loads.items()}
@@ -178,6 +182,19 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
         unit_pressures=unit_pressures,
         motions=motions,
     )
+
+
+def _check_memory(scene: Scene, mesh: Mesh) -> None:
+    """Refuse now what could only fail after hours: all load steps are kept until the last one is drawn."""
+    steps = sum(stage.steps for stage in scene.stages)
+    node_bytes = _NODE_BYTES + _STEP_NODE_BYTES * steps + 24 * len(scene.loads)
+    tri_bytes = _TRIANGLE_BYTES + _STEP_TRIANGLE_BYTES * steps
+    short = bounds.shortage(mesh.node_count * node_bytes + mesh.tri_count * tri_bytes + _STEP_BYTES * steps)
+    if short is not None:
+        counts = (
+            f"{steps} load steps of {mesh.node_count} nodes and {mesh.tri_count} elements with {len(scene.loads)} loads"
+        )
+        raise InputError(f"stages: the run {short}: {counts}; take fewer load steps or a coarser mesh")
 
 
 def group_nodes(mesh: Mesh, name: str, key: str) -> Ints:
@@ -365,8 +382,6 @@ def _unit_load(load: Load, mesh: Mesh, key: str) -> Floats:
     """(n, 3) nodal forces of a load at factor 1."""
     force = np.zeros((mesh.node_count, 3))
     direction = np.array(load.direction)
-    if not direction.any():
-        raise InputError(f"{key}.direction: a direction needs a length above zero")
     if load.kind == "area":
         return force + _tributary_area(mesh, group_triangles(mesh, load.group, f"{key}.group"))[:, None] * direction
     nodes = group_nodes(mesh, load.group, f"{key}.group")

@@ -34,6 +34,7 @@ def run(
     precision: Precision = "f64",
     threads: int | None = None,
     render: bool = True,
+    repair: bool = False,
     observer: Observer | None = None,
 ) -> RunResult:
     """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
@@ -42,6 +43,7 @@ def run(
     :param out: folder for summary.json, history.csv, step files, curve.png and pictures; nothing is written when None.
     :param base: folder that a relative mesh path starts from; the current one when None.
     :param render: draw pictures and the curve (only with ``out``).
+    :param repair: mend a mesh file where that is safe; ``RunResult.mesh.mended`` says what was done.
     :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk. A step
         that does not converge raises nothing: it ends the run, and ``RunResult.converged`` says so.
     """
@@ -50,7 +52,7 @@ def run(
     from taichi_membrane.simulation.results import Settings
 
     with clock.phase("setup", "reading the mesh"):
-        mesh = build_mesh(scene, base) if mesh is None else with_scene_groups(scene, mesh)
+        mesh = build_mesh(scene, base, repair=repair) if mesh is None else with_scene_groups(scene, mesh)
         model = build_model(scene, mesh)
     return _carry_out(model, Settings(arch=arch, precision=precision, threads=threads), clock, out=out, render=render)
 
@@ -92,6 +94,11 @@ def _carry_out(
         active = runtime.start(arch=settings.arch, precision=settings.precision, threads=settings.threads)
         from taichi_membrane.simulation import analysis, probes
         from taichi_membrane.simulation.equilibrium import solver_kind
+
+        if out is not None and render and not active.on_cpu:
+            from taichi_membrane.pictures.driver import check_driver
+
+            check_driver()
     from taichi_membrane.simulation.results import RunResult
 
     probes.validate(model)
@@ -213,7 +220,7 @@ def _finish(result: RunResult, writer: Writer | None, clock: Clock, *, render: b
     return replace(result, files=tuple(writer.finish(result)))
 
 
-def summarise(scene: Scene, base: Path | None = None) -> tuple[Model, list[str], list[str]]:
+def summarise(scene: Scene, base: Path | None = None, *, repair: bool = False) -> tuple[Model, list[str], list[str]]:
     """Validate a scene and its mesh without running it; the model, what is compiled in and what is left out.
 
     :raises InputError: anything a run would refuse before it starts.
@@ -221,7 +228,7 @@ def summarise(scene: Scene, base: Path | None = None) -> tuple[Model, list[str],
     from taichi_membrane.simulation import probes
     from taichi_membrane.simulation.model import build_mesh, build_model
 
-    model = build_model(scene, build_mesh(scene, base))
+    model = build_model(scene, build_mesh(scene, base, repair=repair))
     probes.validate(model)
     compiled_in, left_out = model.structure.features().describe()
     return model, compiled_in, left_out
