@@ -138,8 +138,8 @@ class Newton:
         return factor
 
     def forget(self) -> None:
-        """Drop the factor that is kept: another structure is in the membrane's fields now."""
-        self._kept = None
+        """Drop the factor that is kept, and the gas: another structure is in the membrane's fields now."""
+        self._kept, self.gas = None, None
 
     def _factor_at_rest(self, position: Floats) -> AnyFactor | None:
         """What :meth:`at_rest` kept, where it is still the tangent of this state."""
