@@ -280,6 +280,24 @@ def verify(
 
 
 @app.command()
+def stress(
+    full: Annotated[bool, typer.Option("--full", help="More levels, every solver on all of them; up to an hour.")] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Output folder.")] = Path("renders/stability"),
+    only: Annotated[list[str] | None, typer.Option("--only", metavar="NAME", help="One case. May be repeated.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, max=3, help="Processes side by side.")] = 2,
+) -> None:
+    """Push materials, meshes, states and loads until something gives; write where.
+
+    Exit code: 0 all well, 1 a wrong result or a border that has moved in, 2 bad input.
+    """
+    from taichi_membrane.commands.stress import stress as run_cases
+
+    code = run_cases(full, out, only or [], jobs)
+    if code:
+        raise typer.Exit(code)
+
+
+@app.command()
 def scenes() -> None:
     """List the shipped scenes."""
     from taichi_membrane.scene.file import load_scene, shipped_scenes

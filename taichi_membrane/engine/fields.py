@@ -36,7 +36,7 @@ class MembraneFields:
         self.split_displacement = active.precision == "f32"
         # The leading part is a multiple of this power of two, so that no compiler can see through the split and undo it.
         size = float(np.linalg.norm(np.ptp(structure.mesh.points, axis=0)))
-        self.displacement_quantum = 2.0 ** np.floor(np.log2(size * _QUANTUM))
+        self.displacement_quantum = _quantum(size)
         self.geometry = structure.geometry
         self.node_count, self.tri_count = structure.mesh.node_count, structure.mesh.tri_count
         if active.on_cpu:
@@ -113,6 +113,29 @@ class MembraneFields:
         if features.pressure == "by_chamber":
             self.tri_chamber.from_numpy(structure.tri_chamber.astype(np.int32))
 
+    def accepts(self, structure: Structure) -> bool:
+        """Whether another structure fits these fields and the kernels compiled for them.
+
+        Same triangles, supports, features and (single precision) size; moduli, thickness, prestress and positions may differ.
+        """
+        ours = self.structure
+        size = float(np.linalg.norm(np.ptp(structure.mesh.points, axis=0)))
+        return (
+            np.array_equal(structure.mesh.triangles, ours.mesh.triangles)
+            and np.array_equal(structure.node_held, ours.node_held)
+            and structure.features() == self.features
+            and len(structure.fabrics) == len(ours.fabrics)
+            and structure.tri_chamber.max() == ours.tri_chamber.max()
+            and (not self.split_displacement or self.displacement_quantum == _quantum(size))
+        )
+
+    def upload(self, structure: Structure) -> None:
+        """Put another structure that :meth:`accepts` lets through in place of the present one, at rest; compiles nothing."""
+        self.structure = structure
+        self.geometry = structure.geometry
+        self._upload()
+        self.set_displacement(np.zeros((self.node_count, 3)))
+
     # ---- what a run changes
 
     def set_displacement(self, displacement: Floats) -> None:
@@ -179,6 +202,11 @@ class MembraneFields:
         linear = np.cross(rest_1, stretch_2) + np.cross(stretch_1, rest_2)
         area = np.cross(rest_1, rest_2) + 0.5 * linear + np.cross(stretch_1, stretch_2) / 3.0
         return np.asarray(0.5 * np.einsum("ij,ij->i", moved.mean(axis=1), area))
+
+
+def _quantum(size: float) -> float:
+    """Power of two that the leading part of displacements in single precision is a multiple of."""
+    return float(2.0 ** np.floor(np.log2(size * _QUANTUM)))
 
 
 def _variant_number(features: Features, one: FabricConstants) -> int:

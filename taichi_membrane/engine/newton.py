@@ -21,7 +21,8 @@ from taichi_membrane.engine.record import Progress, SolveRecord
 from taichi_membrane.engine.relaxation import Relaxation
 from taichi_membrane.engine.tangent import Tangent
 
-# Shifts are multiples of the fictitious stiffness 2 M, which bounds the true one: a shift of 1 makes any tangent definite.
+# Shifts are multiples of 2 M. Twice that bounds the tangent in size (K ≤ 4 M), so that a shift of 2 makes any definite; enormous
+# pressures come near: their load stiffness has been seen at -2.3 M.
 _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-8, 2.0
 _SHIFT_FACTOR = 10.0
 # Armijo's share of the predicted decrease, and the shortest step tried before the shift is raised.
@@ -142,6 +143,10 @@ class Newton:
         self._kept = None if factor is None else (self.membrane.displacement(), self.membrane.pressures(), factor)
         return factor
 
+    def forget(self) -> None:
+        """Drop the factor that is kept, and the gas: another structure is in the membrane's fields now."""
+        self._kept, self.gas = None, None
+
     def _factor_at_rest(self, position: Floats) -> AnyFactor | None:
         """What :meth:`at_rest` kept, where it is still the tangent of this state."""
         kept, self._kept = self._kept, None
@@ -155,7 +160,7 @@ class Newton:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""
         at_rest = self._factor_at_rest(position)
         blocks: Floats | None = None
-        while self.shift <= _LARGEST_SHIFT:
+        while True:
             factor: AnyFactor | None
             if at_rest is not None and self.shift == 0.0:
                 factor = at_rest if at_rest.negative == 0 else None
@@ -172,7 +177,9 @@ class Newton:
                     position, energy, fraction = found
                     self._adapt_shift(fraction)
                     return position, energy
-            self.shift = max(_SMALLEST_SHIFT, _SHIFT_FACTOR * self.shift)
+            if self.shift >= _LARGEST_SHIFT:
+                break
+            self.shift = min(max(_SMALLEST_SHIFT, _SHIFT_FACTOR * self.shift), _LARGEST_SHIFT)
         self._return(position)
         return None
 

@@ -93,20 +93,22 @@ class Relaxation:
         self.group_sum[group] = total
 
     @ti.func
-    def accelerate(self, i, gain):
-        """Velocity of node ``i`` half a step on (eq. 18); returns kinetic energy and squared residual."""
+    def accelerate(self, i, gain, reference):
+        """Velocity of node ``i`` half a step on (eq. 18); returns kinetic energy and squared residual over the reference."""
         force = self.free_part(i, self.membrane.gathered_force(i))
         self.node_force[i] = force
         mass = self.node_mass[i]
         velocity = self.node_velocity[i] + gain / mass * force
         self.node_velocity[i] = velocity
-        return ti.Vector([0.5 * mass * velocity.dot(velocity), force.dot(force)])
+        # Divided before it is squared: in single precision the square of a small structure's force is zero.
+        relative = force / reference
+        return ti.Vector([0.5 * mass * velocity.dot(velocity), relative.dot(relative)])
 
     @ti.func
-    def judge(self, kinetic, squared_residual, tolerance, reference):
+    def judge(self, kinetic, squared_residual, tolerance):
         """Decide whether the energy has passed a peak, whether the state has converged, and how far to step back."""
         c = self.control[None]
-        c.residual = ti.sqrt(squared_residual) / reference
+        c.residual = ti.sqrt(squared_residual)
         c.iterations += 1
         c.peak = 0
         if not (kinetic + squared_residual < ti.cast(ti.math.inf, self.fp)):
@@ -148,14 +150,14 @@ class Relaxation:
                 gain = self.control[None].gain
                 total = ti.Vector.zero(self.fp, 2)
                 for i in range(self.membrane.first_node(block), self.membrane.first_node(block + 1)):
-                    total += self.accelerate(i, gain)
+                    total += self.accelerate(i, gain, reference)
                 self.membrane.block_sum[block] = total
         if ti.static(self.two_levels):
             for group in range(self.group_count):
                 self.sum_group(group)
         if self.control[None].status == RUNNING:
             total = self.total_of_blocks()
-            self.judge(total[0], total[1], tolerance, reference)
+            self.judge(total[0], total[1], tolerance)
         for i in range(self.membrane.node_count):
             self.move(i, self.control[None].gain)
         # The first velocity after a peak is half a step from rest.

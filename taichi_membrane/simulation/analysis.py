@@ -26,8 +26,18 @@ class Analysis:
     """
 
     def __init__(self, model: Model) -> None:
-        self.model = model
         self.equilibrium = Equilibrium(model)
+        self._settle(model)
+
+    def take(self, model: Model) -> bool:
+        """Go on with another model, at rest, in the kernels compiled for this one; False, and no change, where they do not fit."""
+        fits = self.equilibrium.take(model)
+        if fits:
+            self._settle(model)
+        return fits
+
+    def _settle(self, model: Model) -> None:
+        self.model = model
         self.membrane, self.relaxation, self.newton = (
             self.equilibrium.membrane,
             self.equilibrium.relaxation,
@@ -111,7 +121,7 @@ class Analysis:
                 bounds = [100.0 * (share * stage.steps - (k - 1)) for share in (reached, aim)]
                 reason = (
                     f"no equilibrium found between {bounds[0]:.4g} and {bounds[1]:.4g} % of the step "
-                    f"({record.reason}, {cuts} halvings); the last equilibrium is kept"
+                    f"({record.reason}, {cuts} halvings); {part.trouble}; the last equilibrium is kept"
                 )
                 record = replace(record, reason=reason)
                 return self.measure.step(number, stage, k, course, reached, record, cuts, started)

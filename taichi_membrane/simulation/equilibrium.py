@@ -26,6 +26,9 @@ _DEFAULT_TOLERANCE = {"f64": 1e-6, "f32": 3e-6}
 # Newton's iterations per solve: alone; and in the hybrid, before relaxation takes over for a dose of its iterations.
 _NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
 
+# How many nodes a step that fails names.
+_WORST_NODES = 3
+
 Report = Callable[[Progress], None] | None
 
 
@@ -35,22 +38,40 @@ class Outcome:
 
     :param reached: share of the step at which the membrane now is in equilibrium; 1 when the step is done.
     :param limit: shares of the step that bracket the largest stable load, where the path has a limit.
+    :param trouble: where no equilibrium was found, what was worst in the last state that was tried.
     """
 
     record: SolveRecord
     reached: float
     limit: tuple[float, float] | None = None
+    trouble: str = ""
 
 
 class Equilibrium:
     """One membrane with its solvers."""
 
     def __init__(self, model: Model) -> None:
-        self.model = model
         self.membrane = Membrane(model.structure)
         self.relaxation = Relaxation(self.membrane)
+        self._made: Newton | None = None
+        self._settle(model)
+
+    def take(self, model: Model) -> bool:
+        """Go on with another model, at rest, in the kernels compiled for this one; False, and no change, where they do not fit."""
+        fits = self.membrane.accepts(model.structure)
+        if fits:
+            self.membrane.upload(model.structure)
+            self._settle(model)
+        return fits
+
+    def _settle(self, model: Model) -> None:
+        """What the model decides and no kernel depends on."""
+        self.model = model
         self.kind = solver_kind(model)
-        self.newton = Newton(self.membrane, self.relaxation) if self.kind != "relaxation" else None
+        if self.kind != "relaxation":
+            self._made = self._made or Newton(self.membrane, self.relaxation)
+            self._made.forget()
+        self.newton = self._made if self.kind != "relaxation" else None
         settings = model.scene.solver
         self.gas: Gas | None = None
         self.tolerance = settings.tolerance or _DEFAULT_TOLERANCE[runtime.current().precision]
@@ -113,6 +134,7 @@ class Equilibrium:
         """
         start = self.membrane.displacement()
         record = self._solve(after, report, doses=())
+        trouble = "" if record.converged else self._trouble()
         if self.newton is not None and before.motions == after.motions and not (record.converged and record.definite):
             found = self.membrane.displacement() if record.converged else None
             self.membrane.set_displacement(start)
@@ -124,9 +146,24 @@ class Equilibrium:
         if not record.converged and self.kind == "hybrid":
             self.membrane.set_displacement(start)
             record = joined(record, self._solve(after, report, doses=_DOSES))
+            trouble = "" if record.converged else self._trouble()
         if not record.converged:
             self.membrane.set_displacement(start)
-        return Outcome(record, float(record.converged))
+        return Outcome(record, float(record.converged), trouble=trouble)
+
+    def _trouble(self) -> str:
+        """Where the present state, which is no equilibrium, is worst: nodes out of balance and the element strained most."""
+        force = np.where(self.model.structure.node_held, 0.0, self.membrane.in_frames(self.membrane.out_of_balance()))
+        size = np.linalg.norm(force, axis=1)
+        lost = np.flatnonzero(~np.isfinite(size))
+        if lost.size:
+            return f"forces at {lost.size} of {size.size} nodes are not finite, the first is node {lost[0]}"
+        worst = np.argsort(-size, kind="stable")[:_WORST_NODES]
+        strain = np.abs(self.membrane.element_state().strain).max(axis=1)
+        return (
+            f"furthest out of balance: nodes {', '.join(map(str, worst))}; "
+            f"largest strain: {strain.max():.3g} in element {strain.argmax()}"
+        )
 
     def _solve(self, state: LoadState, report: Report, doses: tuple[int, ...]) -> SolveRecord:
         """Equilibrium at a load state from the present displacements: Newton, after each dose of relaxation Newton again."""
@@ -145,7 +182,8 @@ class Equilibrium:
             if balanced or parts[-1].reason == "not finite":
                 break
             start = self.membrane.displacement()
-            parts.append(self._newton(self.newton, state, reference, _NEWTON_PATIENCE, report))
+            patience = _NEWTON_LIMIT if dose == doses[-1] else _NEWTON_PATIENCE  # nothing takes over from the last one
+            parts.append(self._newton(self.newton, state, reference, patience, report))
             if parts[-1].converged:
                 break
             self.membrane.set_displacement(start)

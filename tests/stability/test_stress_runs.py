@@ -1,0 +1,112 @@
+"""The cheapest stress cases, run; what they found wrong once, and mended."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.results import StepResult
+from taichi_membrane.simulation.run import run
+from taichi_membrane.stability import catalogue, structures
+from taichi_membrane.stability.case import CONVERGED, HONEST, STABLE_EIGENVALUE, Bench, Problem, judge
+from taichi_membrane.stability.sweep import sweep
+
+pytestmark = pytest.mark.usefixtures("runtime_cpu")
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    """One bench, so that problems of one mesh share their kernels."""
+    return Bench("f64")
+
+
+def test_a_sphere_blown_up_a_thousandfold(bench: Bench) -> None:
+    """Every solver, from p R/(E t) = 1 to 1e4 in one step; the largest load stiffness needs Newton's largest shift."""
+    case = catalogue.CASES["burst"]()
+    judged = judge(case, sweep(bench, "burst", ("newton", "hybrid", "relaxation"), full=False))
+    assert len(judged) == 3 * len(case.levels)
+    assert [one.why for one in judged if one.verdict != CONVERGED] == []
+    eigenvalues = [one.entry.eigenvalue for one in judged]
+    assert all(value is not None and 0.5 < value <= STABLE_EIGENVALUE for value in eigenvalues), eigenvalues
+
+
+def test_newton_alone_steps_where_the_load_stiffness_outweighs_the_fabric(bench: Bench) -> None:
+    """At p R/(E t) = 1000 the tangent at rest is definite only with a shift above 2 M (its lowest eigenvalue is -2.2 M)."""
+    problem = catalogue.CASES["burst"]().problem(1e3)
+    work = bench._taken(bench._model(problem, "newton"))
+    work.membrane.set_pressures(np.array([1e3]))
+    record = work.newton.solve(
+        tolerance=1e-6, reference=1e3, loads=np.zeros((work.membrane.node_count, 3)), max_iterations=100
+    )
+    assert (record.converged, record.reason) == (True, "residual")
+
+
+def test_a_flat_cushion_under_hardly_any_pressure(bench: Bench) -> None:
+    """Newton's patience runs out twice before the hybrid's last turn, which must be as long as Newton's alone."""
+    case = replace(catalogue.CASES["flat"](), levels=(1e-5,), required=1e-5)
+    (one,) = judge(case, [bench.run(case, 1e-5, "hybrid")])
+    assert (one.verdict, one.why) == (CONVERGED, "")
+    assert one.entry.iterations > 60 + 500 + 60 + 3000  # both doses of relaxation, and more than Newton had before
+
+
+def test_shared_kernels_change_no_bit(bench: Bench) -> None:
+    """A structure put into compiled kernels, after another one was solved there, gives what a run of its own gives."""
+
+    def ball(size: float, modulus: float) -> Problem:
+        data = structures.ball(0.1, fabric={"E": modulus, "nu": 0.3, "thickness": 0.5})
+        return Problem(scene=data, mesh=structures.ball_mesh(size, divisions=6), measure=volume)
+
+    def volume(mesh: Mesh, steps: Sequence[StepResult]) -> dict[str, float]:
+        return {"volume": steps[-1].volume}
+
+    case = replace(catalogue.CASES["burst"](), problem=lambda level: ball(level, level))
+    bench.run(case, 1.0, "newton")
+    compiled = list(bench._compiled)
+    shared = bench.run(case, 3.0, "newton")
+    assert bench._compiled == compiled
+    own = case.problem(3.0)
+    data = {"name": "case", "units": {"length": "m", "force": "N"}, **own.scene, "solver": {"kind": "newton"}}
+    alone = run(Scene.model_validate(data), mesh=own.mesh)
+    assert shared.values == {"volume": alone.steps[-1].volume}
+    assert shared.energy == alone.steps[-1].energy
+    assert shared.iterations == sum(step.iterations for step in alone.steps)
+
+
+def test_a_step_that_fails_names_the_worst_nodes_and_element(bench: Bench) -> None:
+    """Relaxation with a few iterations: an honest failure, the start kept, nodes and element of the mesh in the reason."""
+    inflating = catalogue.CASES["burst"]().problem(1.0)
+    problem = replace(inflating, scene={**inflating.scene, "solver": {"max_iterations": 20}})
+    case = replace(catalogue.CASES["burst"](), problem=lambda _: problem)
+    (one,) = judge(case, [bench.run(case, 1.0, "relaxation")])
+    assert one.verdict == HONEST
+    assert one.entry.kept
+    found = re.search(
+        r"iteration limit, 1 halvings.*nodes (\d+), (\d+), (\d+); largest strain: (\S+) in element (\d+); the last", one.why
+    )
+    assert found, one.why
+    assert problem.mesh is not None
+    assert len(set(found.groups()[:3])) == 3
+    assert all(int(node) < problem.mesh.node_count for node in found.groups()[:3])
+    assert int(found[5]) < problem.mesh.tri_count
+    assert float(found[4]) > 0.01  # that of the failed try, not of the state kept
+
+
+def test_forces_whose_squares_vanish_are_not_taken_for_equilibrium(bench: Bench) -> None:
+    """Single precision squares 1e-23 to zero: a structure of nanometres. Here the same in double precision: forces of 1e-170."""
+    extensions = []
+    for unit in (1.0, 1e-170):
+        data = structures.ball(0.5 * unit, fabric={"E": unit, "nu": 0.3, "thickness": 1.0})
+        problem = Problem(scene=data, mesh=structures.ball_mesh(divisions=6), measure=lambda *_: {})
+        work = bench._taken(bench._model(problem, "relaxation"))
+        work.membrane.set_pressures(np.array([0.5 * unit]))
+        record = work.relaxation.solve(tolerance=1e-6, reference=unit, max_iterations=2000)
+        assert record.converged
+        extensions.append(work.membrane.displacement())
+    assert np.abs(extensions[0]).max() > 0.1
+    np.testing.assert_allclose(extensions[1], extensions[0], atol=1e-12)
