@@ -9,12 +9,11 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from run_files import different, outcome, same
 from typer.testing import CliRunner, Result
@@ -144,27 +143,7 @@ RELAXATION = ("--set=solver.kind=relaxation",)  # compiles fastest
 
 
 @pytest.fixture(scope="module")
-def compiled(runtime_cpu: Runtime) -> Iterator[None]:
-    """All runs in this process with one solver share their kernels; each starts at rest."""
-    from taichi_membrane.simulation import analysis
-
-    ready: dict[tuple[str, int], Any] = {}
-
-    def shared(model: Any) -> Any:
-        kind = (model.scene.solver.kind, model.structure.mesh.tri_count)
-        if kind not in ready:
-            ready[kind] = real(model)
-        ready[kind].membrane.set_displacement(np.zeros((ready[kind].membrane.node_count, 3)))
-        ready[kind].outcome = "interrupted"
-        return ready[kind]
-
-    real, analysis.Analysis = analysis.Analysis, shared  # type: ignore[assignment, misc]
-    yield
-    analysis.Analysis = real  # type: ignore[misc]
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Path:
+def whole(tmp_path_factory: pytest.TempPathFactory, runtime_cpu: Runtime) -> Path:
     """The folder of a run that nothing stopped."""
     directory = tmp_path_factory.mktemp("whole")
     (directory / "beam.toml").write_text(SCENE, encoding="utf-8")
@@ -381,7 +360,9 @@ def test_ctrl_c_counts_the_steps_that_were_there_before(run: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize("way", ["arc length", "shut chamber"])
-def test_what_can_only_be_followed_from_its_start_is(scene: str, tmp_path: Path, compiled: None, way: str) -> None:
+def test_what_can_only_be_followed_from_its_start_is(
+    scene: str, tmp_path: Path, runtime_cpu: Runtime, way: str
+) -> None:
     changes = {
         "arc length": ("stages.load.control=arc_length", *NO_MOTION),
         "shut chamber": (

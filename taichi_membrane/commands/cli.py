@@ -281,7 +281,9 @@ def verify(
 
 @app.command()
 def stress(
-    full: Annotated[bool, typer.Option("--full", help="More levels, every solver on all of them; up to an hour.")] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="More levels, every solver on all of them; up to an hour.")
+    ] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Output folder.")] = Path("renders/stability"),
     only: Annotated[list[str] | None, typer.Option("--only", metavar="NAME", help="One case. May be repeated.")] = None,
     jobs: Annotated[int, typer.Option(min=1, max=3, help="Processes side by side.")] = 2,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
 from taichi_membrane.engine import fabric, preparation, runtime
 from taichi_membrane.engine.preparation import FabricConstants, Floats
@@ -17,124 +18,141 @@ from taichi_membrane.engine.structure import Features, Structure, variant_of
 # Sums run over this many fixed blocks, each added in order: the same bits whatever thread takes which block.
 _CPU_BLOCKS = 128
 _GPU_BLOCK_LENGTH = 16
+# On a GPU the many blocks are summed in so many groups at most, before these are.
+GROUPS = 256
+_BOUNDS = (
+    "nodes", "triangles", "node_block_length", "tri_block_length", "node_blocks", "tri_blocks", "group_length", "groups",
+)  # fmt: skip
 # Share of the structure's size: 24 bits then hold displacements of up to 32 sizes, and what is left to the rest is below this.
 _QUANTUM = 2.0**-19
 
 
 class MembraneFields:
-    """Fields of one structure; :class:`taichi_membrane.engine.membrane.Membrane` adds the kernels."""
+    """Fields of one structure; :class:`taichi_membrane.engine.membrane.Membrane` adds the kernels.
+
+    Kernels know no sizes: loops end at ``bounds``. Another structure that fits may take this one's place (:meth:`upload`), which
+    compiles nothing.
+    """
 
     def __init__(self, structure: Structure) -> None:
         active = runtime.current()
-        self.structure = structure
         self.features: Features = structure.features()
         self.fp: Any = ti.f64 if active.precision == "f64" else ti.f32
         self.dtype: Any = np.float64 if active.precision == "f64" else np.float32
+        self.on_cpu = active.on_cpu
         # Single precision resolves a displacement of 10 mm to 5e-7 mm; a stiff fabric answers that with forces that keep the
         # cantilever's residual above 1e-5 of its load. The part that is rounded off is kept beside it, so that differences of
         # displacements keep all their digits.
         self.split_displacement = active.precision == "f32"
-        # The leading part is a multiple of this power of two, so that no compiler can see through the split and undo it.
-        size = float(np.linalg.norm(np.ptp(structure.mesh.points, axis=0)))
-        self.displacement_quantum = _quantum(size)
-        self.geometry = structure.geometry
-        self.node_count, self.tri_count = structure.mesh.node_count, structure.mesh.tri_count
-        if active.on_cpu:
-            self.node_block_length = -(-self.node_count // _CPU_BLOCKS)
-            self.tri_block_length = -(-self.tri_count // _CPU_BLOCKS)
-        else:
-            self.node_block_length = self.tri_block_length = _GPU_BLOCK_LENGTH
-        self.node_block_count = -(-self.node_count // self.node_block_length)
-        self.tri_block_count = -(-self.tri_count // self.tri_block_length)
-        self._allocate()
-        self._upload()
+        self._allocate(structure)
+        self.upload(structure)
 
     # ---- set-up
 
-    def _allocate(self) -> None:
+    def _allocate(self, structure: Structure) -> None:
         fp, features = self.fp, self.features
-        self.node_rest = ti.Vector.field(3, fp, shape=self.node_count)
-        self.node_displacement = ti.Vector.field(3, fp, shape=self.node_count)
+        nodes, triangles, fabrics = structure.mesh.node_count, structure.mesh.tri_count, len(structure.fabrics)
+        self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())
+        self.node_rest = ti.Vector.field(3, fp, shape=nodes)
+        self.node_displacement = ti.Vector.field(3, fp, shape=nodes)
         if self.split_displacement:
-            self.node_displacement_rest = ti.Vector.field(3, fp, shape=self.node_count)
-        self.node_held = ti.Vector.field(3, ti.i32, shape=self.node_count)
-        self.node_corner_start = ti.field(ti.i32, shape=self.node_count + 1)
-        self.node_corner = ti.field(ti.i32, shape=3 * self.tri_count)
-        self.tri_node = ti.Vector.field(3, ti.i32, shape=self.tri_count)
-        self.tri_side_length = ti.Vector.field(3, fp, shape=self.tri_count)
-        self.tri_volume = ti.field(fp, shape=self.tri_count)
-        self.tri_strain_matrix = ti.Matrix.field(3, 3, fp, shape=self.tri_count)
-        self.tri_corner_force = ti.Vector.field(3, fp, shape=3 * self.tri_count)
-        self.block_sum = ti.Vector.field(2, fp, shape=max(self.node_block_count, self.tri_block_count))
-        self.fabric_constants = fabric.fabric_record(fp).field(shape=len(self.structure.fabrics))
+            self.node_displacement_rest = ti.Vector.field(3, fp, shape=nodes)
+            self.quantum = ti.field(fp, shape=())
+        self.node_held = ti.Vector.field(3, ti.i32, shape=nodes)
+        self.node_corner_start = ti.field(ti.i32, shape=nodes + 1)
+        self.node_corner = ti.field(ti.i32, shape=3 * triangles)
+        self.tri_node = ti.Vector.field(3, ti.i32, shape=triangles)
+        self.tri_side_length = ti.Vector.field(3, fp, shape=triangles)
+        self.tri_volume = ti.field(fp, shape=triangles)
+        self.tri_strain_matrix = ti.Matrix.field(3, 3, fp, shape=triangles)
+        self.tri_corner_force = ti.Vector.field(3, fp, shape=3 * triangles)
+        block_count = _CPU_BLOCKS if self.on_cpu else -(-max(nodes, triangles) // _GPU_BLOCK_LENGTH)
+        self.block_sum = ti.Vector.field(2, fp, shape=block_count)
+        self.fabric_constants = fabric.fabric_record(fp).field(shape=fabrics)
         if features.several_fabrics:
-            self.tri_fabric = ti.field(ti.i32, shape=self.tri_count)
+            self.tri_fabric = ti.field(ti.i32, shape=triangles)
         if len(features.variants) > 1:
-            self.fabric_variant = ti.field(ti.i32, shape=len(self.structure.fabrics))
+            self.fabric_variant = ti.field(ti.i32, shape=fabrics)
         if features.prestress:
-            self.fabric_prestrain = ti.Vector.field(3, fp, shape=len(self.structure.fabrics))
+            self.fabric_prestrain = ti.Vector.field(3, fp, shape=fabrics)
         if features.pressure != "none":
-            self.chamber_count = int(self.structure.tri_chamber.max()) + 1
-            self.chamber_pressure = ti.field(fp, shape=self.chamber_count)
+            self.chamber_pressure = ti.field(fp, shape=structure.chamber_count)
         if features.pressure == "by_chamber":
-            self.tri_chamber = ti.field(ti.i32, shape=self.tri_count)
+            self.tri_chamber = ti.field(ti.i32, shape=triangles)
         if features.slanted:
-            self.node_frame = ti.Matrix.field(3, 3, fp, shape=self.node_count)
+            self.node_frame = ti.Matrix.field(3, 3, fp, shape=nodes)
         if features.loads:
-            self.node_load = ti.Vector.field(3, fp, shape=self.node_count)
-
-    def _upload(self) -> None:
-        structure, features, mesh, dtype = self.structure, self.features, self.structure.mesh, self.dtype
-        thickness = np.array([one.thickness for one in structure.fabrics])[structure.tri_fabric]
-        # The structure's own middle is the origin: coordinates far away would cost single precision its digits.
-        self.origin = 0.5 * (mesh.points.min(axis=0) + mesh.points.max(axis=0))
-        self.node_rest.from_numpy((mesh.points - self.origin).astype(dtype))
-        self.node_held.from_numpy(structure.node_held.astype(np.int32))
-        if features.slanted and structure.node_frame is not None:
-            self.node_frame.from_numpy(structure.node_frame.astype(dtype))
-        start, corners = structure.node_corners
-        self.node_corner_start.from_numpy(start)
-        self.node_corner.from_numpy(corners)
-        self.tri_node.from_numpy(np.ascontiguousarray(mesh.triangles))
-        self.tri_side_length.from_numpy(self.geometry.side_length.astype(dtype))
-        self.tri_volume.from_numpy((self.geometry.area * thickness).astype(dtype))
-        self.tri_strain_matrix.from_numpy(self.geometry.strain_matrix.astype(dtype))
-        columns = preparation.fabric_record_columns(structure.fabrics)
-        self.fabric_constants.from_numpy({name: column.astype(dtype) for name, column in columns.items()})
-        if features.several_fabrics:
-            self.tri_fabric.from_numpy(structure.tri_fabric.astype(np.int32))
-        if len(features.variants) > 1:
-            numbers = [_variant_number(features, one) for one in structure.fabrics]
-            self.fabric_variant.from_numpy(np.array(numbers, dtype=np.int32))
-        if features.prestress:
-            # A prestress is the elastic answer to a strain offset, so the wrinkling laws need not know of it.
-            offsets = [one.compliance() @ np.array(one.prestress) for one in structure.fabrics]
-            self.fabric_prestrain.from_numpy(np.array(offsets, dtype=dtype))
-        if features.pressure == "by_chamber":
-            self.tri_chamber.from_numpy(structure.tri_chamber.astype(np.int32))
+            self.node_load = ti.Vector.field(3, fp, shape=nodes)
 
     def accepts(self, structure: Structure) -> bool:
-        """Whether another structure fits these fields and the kernels compiled for them.
-
-        Same triangles, supports, features and (single precision) size; moduli, thickness, prestress and positions may differ.
-        """
-        ours = self.structure
-        size = float(np.linalg.norm(np.ptp(structure.mesh.points, axis=0)))
+        """Whether another structure fits these fields and the kernels compiled for them: same features, no larger."""
         return (
-            np.array_equal(structure.mesh.triangles, ours.mesh.triangles)
-            and np.array_equal(structure.node_held, ours.node_held)
-            and structure.features() == self.features
-            and len(structure.fabrics) == len(ours.fabrics)
-            and structure.tri_chamber.max() == ours.tri_chamber.max()
-            and (not self.split_displacement or self.displacement_quantum == _quantum(size))
+            structure.features() == self.features
+            and structure.mesh.node_count <= self.node_rest.shape[0]
+            and structure.mesh.tri_count <= self.tri_node.shape[0]
+            and len(structure.fabrics) <= self.fabric_constants.shape[0]
+            and (self.features.pressure == "none" or structure.chamber_count <= self.chamber_pressure.shape[0])
         )
 
     def upload(self, structure: Structure) -> None:
-        """Put another structure that :meth:`accepts` lets through in place of the present one, at rest; compiles nothing."""
-        self.structure = structure
-        self.geometry = structure.geometry
-        self._upload()
+        """Put a structure that :meth:`accepts` lets through in place of the present one, at rest."""
+        self.structure, self.geometry = structure, structure.geometry
+        self.node_count, self.tri_count = structure.mesh.node_count, structure.mesh.tri_count
+        self._set_bounds()
+        features, mesh, dtype = self.features, structure.mesh, self.dtype
+        thickness = np.array([one.thickness for one in structure.fabrics])[structure.tri_fabric]
+        # The structure's own middle is the origin: coordinates far away would cost single precision its digits.
+        self.origin = 0.5 * (mesh.points.min(axis=0) + mesh.points.max(axis=0))
+        fill(self.node_rest, (mesh.points - self.origin).astype(dtype))
+        fill(self.node_held, structure.node_held.astype(np.int32))
+        if features.slanted and structure.node_frame is not None:
+            fill(self.node_frame, structure.node_frame.astype(dtype))
+        start, corners = structure.node_corners
+        fill(self.node_corner_start, start)
+        fill(self.node_corner, corners)
+        fill(self.tri_node, mesh.triangles)
+        fill(self.tri_side_length, self.geometry.side_length.astype(dtype))
+        fill(self.tri_volume, (self.geometry.area * thickness).astype(dtype))
+        fill(self.tri_strain_matrix, self.geometry.strain_matrix.astype(dtype))
+        for name, column in preparation.fabric_record_columns(structure.fabrics).items():
+            fill(self.fabric_constants.get_member_field(name), column.astype(dtype))
+        if features.several_fabrics:
+            fill(self.tri_fabric, structure.tri_fabric.astype(np.int32))
+        if len(features.variants) > 1:
+            numbers = [_variant_number(features, one) for one in structure.fabrics]
+            fill(self.fabric_variant, np.array(numbers, dtype=np.int32))
+        if features.prestress:
+            # A prestress is the elastic answer to a strain offset, so the wrinkling laws need not know of it.
+            offsets = [one.compliance() @ np.array(one.prestress) for one in structure.fabrics]
+            fill(self.fabric_prestrain, np.array(offsets, dtype=dtype))
+        if features.pressure == "by_chamber":
+            fill(self.tri_chamber, structure.tri_chamber.astype(np.int32))
         self.set_displacement(np.zeros((self.node_count, 3)))
+
+    def _set_bounds(self) -> None:
+        """Where loops end. Sums run over fixed blocks, so that they do not depend on the number of threads."""
+        if self.on_cpu:
+            node_length, tri_length = -(-self.node_count // _CPU_BLOCKS), -(-self.tri_count // _CPU_BLOCKS)
+        else:
+            node_length = tri_length = _GPU_BLOCK_LENGTH
+        node_blocks = -(-self.node_count // node_length)
+        group_length = -(-node_blocks // GROUPS)
+        self.tri_block_count = -(-self.tri_count // tri_length)
+        self.bounds[None] = {
+            "nodes": self.node_count,
+            "triangles": self.tri_count,
+            "node_block_length": node_length,
+            "tri_block_length": tri_length,
+            "node_blocks": node_blocks,
+            "tri_blocks": self.tri_block_count,
+            "group_length": group_length,
+            "groups": -(-node_blocks // group_length),
+        }
+        if self.split_displacement:
+            # The leading part is a multiple of this power of two, so that no compiler can see through the split and undo it.
+            size = float(np.linalg.norm(np.ptp(self.structure.mesh.points, axis=0)))
+            self.displacement_quantum = float(2.0 ** np.floor(np.log2(size * _QUANTUM)))
+            self.quantum[None] = self.displacement_quantum
 
     # ---- what a run changes
 
@@ -145,9 +163,9 @@ class MembraneFields:
             leading = (np.round(displacement / self.displacement_quantum) * self.displacement_quantum).astype(
                 self.dtype
             )
-        self.node_displacement.from_numpy(leading)
+        fill(self.node_displacement, leading)
         if self.split_displacement:
-            self.node_displacement_rest.from_numpy((displacement - leading).astype(self.dtype))
+            fill(self.node_displacement_rest, (displacement - leading).astype(self.dtype))
 
     def in_frames(self, vectors: Floats) -> Floats:
         """Nodal vectors (node_count, 3) in the axes that supports refer to."""
@@ -161,28 +179,32 @@ class MembraneFields:
 
     def displacement(self) -> Floats:
         """Nodal displacements, (node_count, 3) lengths, in double precision."""
-        leading = self.node_displacement.to_numpy().astype(np.float64)
-        return leading + self.node_displacement_rest.to_numpy() if self.split_displacement else leading
+        leading = self.node_displacement.to_numpy()[: self.node_count].astype(np.float64)
+        if self.split_displacement:
+            leading += self.node_displacement_rest.to_numpy()[: self.node_count]
+        return leading
 
     def scale_thickness(self, fabric_number: int, factor: float) -> None:
         """Give one fabric so many times its thickness; 1 restores it."""
         thickness = np.array([one.thickness for one in self.structure.fabrics])
         thickness[fabric_number] *= factor
-        self.tri_volume.from_numpy((self.geometry.area * thickness[self.structure.tri_fabric]).astype(self.dtype))
+        fill(self.tri_volume, (self.geometry.area * thickness[self.structure.tri_fabric]).astype(self.dtype))
 
     def set_pressures(self, pressures: Floats) -> None:
         """Set each chamber's pressure (force per area, positive along the triangles' normals)."""
         if self.features.pressure != "none":
-            self.chamber_pressure.from_numpy(np.asarray(pressures, dtype=self.dtype))
+            fill(self.chamber_pressure, np.asarray(pressures, dtype=self.dtype))
 
     def pressures(self) -> Floats:
         """(chamber_count,) present pressures."""
-        return np.zeros(0) if self.features.pressure == "none" else self.chamber_pressure.to_numpy()
+        if self.features.pressure == "none":
+            return np.zeros(0)
+        return self.chamber_pressure.to_numpy()[: self.structure.chamber_count]
 
     def set_loads(self, loads: Floats) -> None:
         """Set the dead nodal forces, (node_count, 3)."""
         if self.features.loads:
-            self.node_load.from_numpy(np.ascontiguousarray(loads, dtype=self.dtype))
+            fill(self.node_load, np.asarray(loads, dtype=self.dtype))
 
     def bytes_allocated(self) -> int:
         """Memory of this membrane's fields."""
@@ -204,9 +226,12 @@ class MembraneFields:
         return np.asarray(0.5 * np.einsum("ij,ij->i", moved.mean(axis=1), area))
 
 
-def _quantum(size: float) -> float:
-    """Power of two that the leading part of displacements in single precision is a multiple of."""
-    return float(2.0 ** np.floor(np.log2(size * _QUANTUM)))
+def fill(field: Any, values: NDArray[Any]) -> None:
+    """Write values to the beginning of a field, and zeros to the rest of it."""
+    if len(values) < field.shape[0]:
+        rest = np.zeros((field.shape[0] - len(values), *values.shape[1:]), dtype=values.dtype)
+        values = np.concatenate([values, rest])
+    field.from_numpy(np.ascontiguousarray(values))
 
 
 def _variant_number(features: Features, one: FabricConstants) -> int:

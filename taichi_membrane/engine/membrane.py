@@ -76,7 +76,7 @@ class Membrane(MembraneFields):
         if ti.static(self.split_displacement):
             before = self.node_displacement[i]
             change = increment + self.node_displacement_rest[i]
-            after = ti.round((before + change) / self.displacement_quantum) * self.displacement_quantum
+            after = ti.round((before + change) / self.quantum[None]) * self.quantum[None]
             self.node_displacement[i] = after
             self.node_displacement_rest[i] = change + (before - after)
         else:
@@ -166,12 +166,12 @@ class Membrane(MembraneFields):
     @ti.func
     def first_node(self, block):
         """First node of a block of the deterministic sums, or the number of nodes past the last one."""
-        return ti.min(block * self.node_block_length, self.node_count)
+        return ti.min(block * self.bounds[None].node_block_length, self.bounds[None].nodes)
 
     @ti.func
     def first_triangle(self, block):
         """First triangle of a block of the deterministic sums, or the number of triangles past the last one."""
-        return ti.min(block * self.tri_block_length, self.tri_count)
+        return ti.min(block * self.bounds[None].tri_block_length, self.bounds[None].triangles)
 
     @ti.func
     def side_bounds(self, t, k, variant: ti.template()):
@@ -205,9 +205,9 @@ class Membrane(MembraneFields):
 
     @ti.kernel
     def _forces_kernel(self, out: ti.types.ndarray()):
-        for t in range(self.tri_count):
+        for t in range(self.bounds[None].triangles):
             self.store_corner_forces(t)
-        for i in range(self.node_count):
+        for i in range(self.bounds[None].nodes):
             force = self.gathered_force(i)
             for c in ti.static(range(3)):
                 out[i, c] = force[c]
@@ -255,7 +255,7 @@ class Membrane(MembraneFields):
 
     @ti.kernel
     def _potential_kernel(self):
-        for block in range(self.tri_block_count):
+        for block in range(self.bounds[None].tri_blocks):
             total = ti.Vector.zero(self.fp, 2)
             for t in range(self.first_triangle(block), self.first_triangle(block + 1)):
                 total += self.triangle_potential(t)
@@ -292,7 +292,7 @@ class Membrane(MembraneFields):
         state_out: ti.types.ndarray(),
         scalar_out: ti.types.ndarray(),
     ):
-        for t in range(self.tri_count):
+        for t in range(self.bounds[None].triangles):
             k = self.fabric_number(t)
             for number in ti.static(range(len(self.features.variants))):
                 if self.has_variant(k, number):

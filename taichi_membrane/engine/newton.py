@@ -143,8 +143,10 @@ class Newton:
         self._kept = None if factor is None else (self.membrane.displacement(), self.membrane.pressures(), factor)
         return factor
 
-    def forget(self) -> None:
-        """Drop the factor that is kept, and the gas: another structure is in the membrane's fields now."""
+    def upload(self) -> None:
+        """Take over the structure that is now in the membrane's fields, all chambers open."""
+        self.tangent.upload()
+        self.free = ~self.membrane.structure.node_held
         self._kept, self.gas = None, None
 
     def _factor_at_rest(self, position: Floats) -> AnyFactor | None:

@@ -16,6 +16,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_membrane.engine import runtime
+from taichi_membrane.engine.fields import GROUPS
 from taichi_membrane.engine.membrane import Membrane
 from taichi_membrane.engine.preparation import Floats
 from taichi_membrane.engine.record import Progress, SolveRecord
@@ -28,7 +29,6 @@ _KINETIC_SHARE = 1e-2
 _POLL = 32
 # Masses follow the geometry: refreshed at first every iteration, then at intervals that double while none grows by 1 %.
 _LONGEST_REFRESH, _GROWTH = 256, 1.01
-_SECOND_LEVEL = 256
 # A residual that has not fallen by a tenth in this many iterations has met round-off.
 _STAGNATION, _STAGNATION_FALL = 20_000, 0.9
 
@@ -51,9 +51,7 @@ class Relaxation:
         )  # fmt: skip
         self.control = control.field(shape=())
         if self.two_levels:
-            self.group_length = -(-m.node_block_count // _SECOND_LEVEL)
-            self.group_count = -(-m.node_block_count // self.group_length)
-            self.group_sum = ti.Vector.field(2, m.fp, shape=self.group_count)
+            self.group_sum = ti.Vector.field(2, m.fp, shape=GROUPS)
 
     # ---- kernels
 
@@ -75,11 +73,11 @@ class Relaxation:
         total = ti.Vector.zero(self.fp, 2)
         if ti.static(self.two_levels):
             ti.loop_config(serialize=True)
-            for group in range(self.group_count):
+            for group in range(self.membrane.bounds[None].groups):
                 total += self.group_sum[group]
         else:
             ti.loop_config(serialize=True)
-            for block in range(self.membrane.node_block_count):
+            for block in range(self.membrane.bounds[None].node_blocks):
                 total += self.membrane.block_sum[block]
         return total
 
@@ -87,8 +85,8 @@ class Relaxation:
     def sum_group(self, group):
         """Second level of the block sums."""
         total = ti.Vector.zero(self.fp, 2)
-        last = ti.min((group + 1) * self.group_length, self.membrane.node_block_count)
-        for block in range(group * self.group_length, last):
+        length = self.membrane.bounds[None].group_length
+        for block in range(group * length, ti.min((group + 1) * length, self.membrane.bounds[None].node_blocks)):
             total += self.membrane.block_sum[block]
         self.group_sum[group] = total
 
@@ -143,9 +141,9 @@ class Relaxation:
 
     @ti.kernel
     def _iterate(self, tolerance: float, reference: float):
-        for t in range(self.membrane.tri_count):
+        for t in range(self.membrane.bounds[None].triangles):
             self.membrane.store_corner_forces(t)
-        for block in range(self.membrane.node_block_count):
+        for block in range(self.membrane.bounds[None].node_blocks):
             if self.control[None].status == RUNNING:
                 gain = self.control[None].gain
                 total = ti.Vector.zero(self.fp, 2)
@@ -153,22 +151,22 @@ class Relaxation:
                     total += self.accelerate(i, gain, reference)
                 self.membrane.block_sum[block] = total
         if ti.static(self.two_levels):
-            for group in range(self.group_count):
+            for group in range(self.membrane.bounds[None].groups):
                 self.sum_group(group)
         if self.control[None].status == RUNNING:
             total = self.total_of_blocks()
             self.judge(total[0], total[1], tolerance)
-        for i in range(self.membrane.node_count):
+        for i in range(self.membrane.bounds[None].nodes):
             self.move(i, self.control[None].gain)
         # The first velocity after a peak is half a step from rest.
         self.control[None].gain = ti.select(self.control[None].peak == 1, 0.5, 1.0)
 
     @ti.kernel
     def _refresh_mass(self, keep_larger: int):
-        for t in range(self.membrane.tri_count):
+        for t in range(self.membrane.bounds[None].triangles):
             self.membrane.store_corner_stiffness(t)
         self.control[None].mass_grew = 0
-        for i in range(self.membrane.node_count):
+        for i in range(self.membrane.bounds[None].nodes):
             mass = ti.cast(0.0, self.fp)
             for c in range(self.membrane.node_corner_start[i], self.membrane.node_corner_start[i + 1]):
                 mass += 0.5 * self.membrane.tri_corner_force[self.membrane.node_corner[c]][0]
@@ -189,7 +187,7 @@ class Relaxation:
     def masses(self) -> Floats:
         """(node_count,) fictitious masses at the present displacements; twice a mass bounds the stiffness at its node."""
         self._refresh_mass(0)
-        return self.node_mass.to_numpy().astype(np.float64)
+        return self.node_mass.to_numpy()[: self.membrane.node_count].astype(np.float64)
 
     def start_from_rest(self) -> None:
         """Forget velocities and energy history."""

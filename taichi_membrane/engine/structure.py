@@ -80,6 +80,11 @@ class Structure:
     loads: bool = True
     node_frame: Floats | None = None
 
+    @property
+    def chamber_count(self) -> int:
+        """Number of pressures."""
+        return int(self.tri_chamber.max()) + 1
+
     @cached_property
     def geometry(self) -> TriangleGeometry:
         """Geometry of all triangles in their fabric axes."""

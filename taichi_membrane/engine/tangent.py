@@ -9,8 +9,10 @@ import taichi as ti
 from scipy import sparse
 
 from taichi_membrane.engine import element, fabric
+from taichi_membrane.engine.fields import fill
 from taichi_membrane.engine.membrane import Membrane
 from taichi_membrane.engine.preparation import Floats
+from taichi_membrane.engine.structure import Structure
 
 # The distinct blocks of a triangle: the three diagonal ones, then side a's, which couples corners a+1 and a+2.
 _BLOCKS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
@@ -22,17 +24,32 @@ class Tangent:
 
     def __init__(self, membrane: Membrane) -> None:
         self.membrane = membrane
-        self.elimination = membrane.structure.elimination
-        self.edge_count = len(self.elimination.edge_node)
-        self.tri_block = ti.Matrix.field(3, 3, membrane.fp, shape=6 * membrane.tri_count)
-        self.node_block = ti.field(ti.i32, shape=membrane.node_count)
-        self.node_block.from_numpy(self.elimination.node_block)
-        self.edge_block = ti.field(ti.i32, shape=self.edge_count)
-        self.edge_block.from_numpy(self.elimination.edge_block)
-        self.edge_node = ti.Vector.field(2, ti.i32, shape=self.edge_count)  # of the block's columns, of its rows
-        self.edge_node.from_numpy(self.elimination.edge_node)
-        self.edge_part = ti.Vector.field(2, ti.i32, shape=self.edge_count)
-        self.edge_part.from_numpy(membrane.structure.edge_parts)
+        nodes, triangles, edges = (
+            membrane.node_rest.shape[0],
+            membrane.tri_node.shape[0],
+            len(membrane.structure.edge_parts),
+        )
+        self.edge_count = ti.field(ti.i32, shape=())
+        self.tri_block = ti.Matrix.field(3, 3, membrane.fp, shape=6 * triangles)
+        self.node_block = ti.field(ti.i32, shape=nodes)
+        self.edge_block = ti.field(ti.i32, shape=edges)
+        self.edge_node = ti.Vector.field(2, ti.i32, shape=edges)  # of the block's columns, of its rows
+        self.edge_part = ti.Vector.field(2, ti.i32, shape=edges)
+        self.upload()
+
+    def accepts(self, structure: Structure) -> bool:
+        """Whether another structure fits, where it fits the membrane."""
+        return len(structure.edge_parts) <= self.edge_part.shape[0]
+
+    def upload(self) -> None:
+        """Take over the structure that is now in the membrane's fields."""
+        structure = self.membrane.structure
+        self.elimination = structure.elimination
+        self.edge_count[None] = len(self.elimination.edge_node)
+        fill(self.node_block, self.elimination.node_block)
+        fill(self.edge_block, self.elimination.edge_block)
+        fill(self.edge_node, self.elimination.edge_node)
+        fill(self.edge_part, structure.edge_parts)
         self.blocks = np.zeros((self.elimination.block_count, 3, 3))
 
     @ti.func
@@ -75,12 +92,12 @@ class Tangent:
 
     @ti.kernel
     def _assemble(self, out: ti.types.ndarray()):
-        for t in range(self.membrane.tri_count):
+        for t in range(self.membrane.bounds[None].triangles):
             k = self.membrane.fabric_number(t)
             for number in ti.static(range(len(self.membrane.features.variants))):
                 if self.membrane.has_variant(k, number):
                     self.store_blocks(t, k, self.membrane.features.variants[number])
-        for i in range(self.membrane.node_count):
+        for i in range(self.membrane.bounds[None].nodes):
             block = ti.Matrix.zero(self.membrane.fp, 3, 3)
             for c in range(self.membrane.node_corner_start[i], self.membrane.node_corner_start[i + 1]):
                 corner = self.membrane.node_corner[c]
@@ -89,7 +106,7 @@ class Tangent:
             for c in ti.static(range(3)):
                 if self.membrane.node_held[i][c] == 1:
                     out[self.node_block[i], c, c] = 1.0
-        for e in range(self.edge_count):
+        for e in range(self.edge_count[None]):
             block = ti.Matrix.zero(self.membrane.fp, 3, 3)
             for p in ti.static(range(2)):
                 part = self.edge_part[e][p]

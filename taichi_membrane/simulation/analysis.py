@@ -170,6 +170,24 @@ class Analysis:
                 return
 
 
+_compiled: list[Analysis] = []
+
+
+def ready(model: Model) -> Analysis:
+    """An analysis of a model at rest, compiled; in kernels that an earlier run of this process has left, where it fits them.
+
+    Taichi frees no fields before the process ends, so that keeping them costs nothing.
+    """
+    for work in reversed(_compiled):
+        if work.take(model):
+            break
+    else:
+        work = Analysis(model)
+        _compiled.append(work)
+    work.compile()
+    return work
+
+
 def _report(stage: Stage, k: int, progress: ProgressCallback | None) -> Report:
     return None if progress is None else lambda p: progress(stage.name, k, stage.steps, p)
 

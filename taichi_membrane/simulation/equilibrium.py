@@ -69,8 +69,10 @@ class Equilibrium:
         self.model = model
         self.kind = solver_kind(model)
         if self.kind != "relaxation":
-            self._made = self._made or Newton(self.membrane, self.relaxation)
-            self._made.forget()
+            if self._made is None or not self._made.tangent.accepts(model.structure):
+                self._made = Newton(self.membrane, self.relaxation)
+            else:
+                self._made.upload()
         self.newton = self._made if self.kind != "relaxation" else None
         settings = model.scene.solver
         self.gas: Gas | None = None

@@ -110,8 +110,7 @@ def _carry_out(
     writer = _writer(out, model, settings, provenance, saved)
     with clock.phase("compile", "compiling kernels"):
         # Uploads compile a kernel for every type of field, so they belong here too.
-        work = analysis.Analysis(model)
-        work.compile()
+        work = analysis.ready(model)
     result = RunResult(
         scene=model.scene, mesh=model.structure.mesh, steps=() if saved is None else saved.steps, checks=(),
         seconds=clock.seconds, provenance=provenance, directory=out,

@@ -212,7 +212,14 @@ def _with_findings(entry: Entry, problem: Problem, work: Any, steps: Sequence[St
     residual = size / scale if scale > 0.0 else None
     moved = len(steps) > 1 or any([*last.pressures.values(), *last.loads.values(), *last.motions.values()])
     values = dict(problem.measure(model.structure.mesh, steps)) if entry.converged else {}
-    numbers: list[Any] = [last.displacement, last.reaction, last.elements.strain, last.elements.stress, last.volume, size]
+    numbers: list[Any] = [
+        last.displacement,
+        last.reaction,
+        last.elements.strain,
+        last.elements.stress,
+        last.volume,
+        size,
+    ]
     finite = all(np.isfinite(one).all() for one in numbers)
     finite = finite and all(map(math.isfinite, [*values.values(), *last.probes.values()]))
     if last.energy is not None and not math.isfinite(last.energy):
@@ -265,10 +272,14 @@ def largest_eigenvalue(work: Any) -> float:
     """Largest eigenvalue of M⁻¹ K at an analysis' present state, double precision."""
     stiffness = work.newton.tangent.matrix()
     free = (~work.model.structure.node_held).ravel()
-    root = np.where(free, 1.0 / np.sqrt(np.repeat(work.relaxation.masses(), 3)), 0.0)  # held components count as no stiffness
+    root = np.where(
+        free, 1.0 / np.sqrt(np.repeat(work.relaxation.masses(), 3)), 0.0
+    )  # held components count as no stiffness
     scaled = sparse.diags(root) @ stiffness @ sparse.diags(root)
     start = np.random.default_rng(0).standard_normal(len(root))  # fixed: tables repeat
-    return float(linalg.eigsh(scaled, k=1, which="LA", v0=start, tol=_EIGENVALUE_ACCURACY, return_eigenvectors=False)[0])
+    return float(
+        linalg.eigsh(scaled, k=1, which="LA", v0=start, tol=_EIGENVALUE_ACCURACY, return_eigenvectors=False)[0]
+    )
 
 
 def judge(case: Case, entries: Sequence[Entry]) -> list[Judged]:
@@ -317,7 +328,9 @@ def _what_is_wrong(case: Case, entry: Entry, error: float | None) -> str:
     if not entry.finite:
         return "a number that is not finite left the program"
     if entry.eigenvalue is not None and entry.eigenvalue > STABLE_EIGENVALUE * (1.0 + _EIGENVALUE_MARGIN):
-        return f"the fictitious masses do not bound the stiffness: largest eigenvalue of M⁻¹K {entry.eigenvalue:.4g} > 4"
+        return (
+            f"the fictitious masses do not bound the stiffness: largest eigenvalue of M⁻¹K {entry.eigenvalue:.4g} > 4"
+        )
     if not entry.converged:
         if not entry.reason:
             return "no equilibrium, and no reason given"

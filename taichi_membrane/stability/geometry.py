@@ -158,7 +158,9 @@ def smallest() -> Case:
             for end, value in (("min", 0.0), ("max", 1.0))
         }
         scene = structures.patch_test(_SHEET, (_SMALL, _SMALL))
-        if level == 1:  # the stress on its slanted edge, too: in all half a side's pull at each free corner, along one axis
+        if (
+            level == 1
+        ):  # the stress on its slanted edge, too: in all half a side's pull at each free corner, along one axis
             groups |= {"x_max": np.array([1]), "y_max": np.array([2])}
             pulls = {"right": ("x_max", [0.5 * _SMALL, 0.0, 0.0]), "top": ("y_max", [0.0, 0.5 * _SMALL, 0.0])}
             scene["loads"] = {name: {"group": group, "direction": pull} for name, (group, pull) in pulls.items()}
@@ -273,9 +275,7 @@ def turned() -> Case:
             return {"tip": float((rotation.T @ moved)[2])}
 
         assert mesh.tri_warp is not None
-        mesh = Mesh.build(
-            mesh.points @ rotation.T, mesh.triangles, mesh.node_groups, None, mesh.tri_warp @ rotation.T
-        )
+        mesh = Mesh.build(mesh.points @ rotation.T, mesh.triangles, mesh.node_groups, None, mesh.tri_warp @ rotation.T)
         return Problem(scene=scene, mesh=mesh, measure=measure)
 
     return Case(

@@ -124,7 +124,19 @@ def _section(report: CaseReport) -> list[str]:
     parts = [f"## {case.name}: {case.title}", "", case.setting]
     parts.append(f"Swept: {case.parameter}. Compared with: {case.source}; allowed: {case.bound:g}.")
     parts += [case.remark] if case.remark else []
-    heads = ["solver", "level", "verdict", "iterations", "time", "residual", "error", "drift", "worst strain", "λ(M⁻¹K)", "remark"]
+    heads = [
+        "solver",
+        "level",
+        "verdict",
+        "iterations",
+        "time",
+        "residual",
+        "error",
+        "drift",
+        "worst strain",
+        "λ(M⁻¹K)",
+        "remark",
+    ]
     rows = []
     for solver, precision in SWEEPS:
         for one in report.sweep(solver, precision):
@@ -195,7 +207,10 @@ def draw(reports: Sequence[CaseReport], path: Path) -> None:
     """One picture: a row per case, a panel per solver, a cell per level in the colour of its verdict."""
     widest = max(len(report.levels) for report in reports)
     figure = Figure(
-        figsize=(2.4 + 0.42 * widest * len(SWEEPS), 1.3 + 0.27 * len(reports)), dpi=_DPI, layout="constrained", facecolor="white"
+        figsize=(2.4 + 0.42 * widest * len(SWEEPS), 1.3 + 0.27 * len(reports)),
+        dpi=_DPI,
+        layout="constrained",
+        facecolor="white",
     )
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(SWEEPS), sharey=True, squeeze=False)[0]

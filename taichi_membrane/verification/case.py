@@ -154,18 +154,18 @@ class CaseResult:
 def run_case(case: Case, *, full: bool = False) -> CaseResult:
     """Run a case on its default meshes, or with ``full`` on its finer ones too."""
     sizes = case.sizes + (case.more_sizes if full else ())
-    outcomes: list[Outcome] = []
-    seconds: list[float] = []
+    outcomes: dict[int, Outcome] = {}
+    seconds: dict[int, float] = {}
     failure = ""
-    for size in sizes:
+    for size in reversed(sizes):  # the finest first: the others fit in the kernels that are compiled for it
         started = time.perf_counter()
         try:
-            outcomes.append(case.run(size))
+            outcomes[size] = case.run(size)
         except NoEquilibriumError as error:
             failure = f"{size} {case.size_label}: {error}"
             break
-        seconds.append(time.perf_counter() - started)
-    done = sizes[: len(outcomes)]
+        seconds[size] = time.perf_counter() - started
+    done = tuple(size for size in sizes if size in outcomes)
     return CaseResult(
         case=case,
         sizes=done,
@@ -173,14 +173,14 @@ def run_case(case: Case, *, full: bool = False) -> CaseResult:
             QuantityResult(
                 quantity=one,
                 sizes=done,
-                values=tuple(outcome.values[one.name] for outcome in outcomes),
+                values=tuple(outcomes[size].values[one.name] for size in done),
                 bounded=len(case.sizes) - 1,
             )
             for one in case.quantities
             if outcomes
         ),
-        seconds=tuple(seconds),
-        points=outcomes[-1].points if outcomes else None,
+        seconds=tuple(seconds[size] for size in done),
+        points=outcomes[done[-1]].points if done else None,
         failure=failure,
     )
 

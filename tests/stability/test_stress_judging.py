@@ -86,7 +86,9 @@ def test_an_invariance_compares_with_the_first_level_of_the_same_solver() -> Non
         entry(1.0, values={"height": 5.0}, solver="newton"),
         entry(10.0, values={"height": 5.0}, solver="newton"),
     ]
-    assert [one.verdict for one in judge(made_up(against="base"), entries)] == [CONVERGED] * 2 + [WRONG] + [CONVERGED] * 2
+    assert [one.verdict for one in judge(made_up(against="base"), entries)] == [CONVERGED] * 2 + [WRONG] + [
+        CONVERGED
+    ] * 2
 
 
 def test_peers_are_the_other_method_in_double_precision() -> None:
@@ -115,7 +117,9 @@ def test_another_equilibrium_has_to_be_confirmed() -> None:
 def test_a_documented_fault_is_known_from_its_level_on() -> None:
     case = made_up(known={"hybrid f64": 10.0}, remark="Because.")
     wrong = {"values": {"height": 9.0}}
-    judged = judge(case, [entry(1.0, **wrong), entry(10.0, **wrong), entry(100.0, **wrong), entry(100.0, solver="newton", **wrong)])
+    judged = judge(
+        case, [entry(1.0, **wrong), entry(10.0, **wrong), entry(100.0, **wrong), entry(100.0, solver="newton", **wrong)]
+    )
     assert [one.known for one in judged] == [False, True, True, False]
 
 
@@ -145,13 +149,20 @@ def test_a_default_solver_that_gives_way_early_falls_short() -> None:
 
 
 def test_report_holds_every_entry(tmp_path: Path) -> None:
-    entries = [entry(1.0), entry(10.0, values={"height": 9.0, "drift": 3e-5}, exact={"height": 2.0}), entry(100.0, **FAILED)]
+    entries = [
+        entry(1.0),
+        entry(10.0, values={"height": 9.0, "drift": 3e-5}, exact={"height": 2.0}),
+        entry(100.0, **FAILED),
+    ]
     paths = report.write([reported(entries)], tmp_path / "new")
     assert [path.name for path in paths] == ["stability.md", "stability.csv", "stability.png"]
     text = paths[0].read_text(encoding="utf-8")
     assert "3 entries: 1 converged and right, 1 honest failures, 1 wrong (0 of them documented)." in text
     assert "| made_up | load \\| none | 1; gives way at 10 | nowhere; gives way at 1 |" in text
-    assert "| hybrid f64 | 10 | **WRONG** | 3 | 0.10 s | 5.0e-07 | 3.5e+00 | 3.0e-05 | 1.0e-01 | 1.500 | said to be" in text
+    assert (
+        "| hybrid f64 | 10 | **WRONG** | 3 | 0.10 s | 5.0e-07 | 3.5e+00 | 3.0e-05 | 1.0e-01 | 1.500 | said to be"
+        in text
+    )
     with paths[1].open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [(row["level"], row["verdict"]) for row in rows] == [("1", CONVERGED), ("10", WRONG), ("100", HONEST)]
@@ -183,7 +194,12 @@ def test_picture_shows_each_verdict(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_exit_code(
-    entries: list[Entry], known: dict[str, float], code: int, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    entries: list[Entry],
+    known: dict[str, float],
+    code: int,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(catalogue, "CASES", {"made_up": lambda: made_up(known=known, remark="Because.")})
     monkeypatch.setattr(command, "run_all", lambda names, **_: dict.fromkeys(names, entries))

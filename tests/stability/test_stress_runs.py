@@ -87,7 +87,8 @@ def test_a_step_that_fails_names_the_worst_nodes_and_element(bench: Bench) -> No
     assert one.verdict == HONEST
     assert one.entry.kept
     found = re.search(
-        r"iteration limit, 1 halvings.*nodes (\d+), (\d+), (\d+); largest strain: (\S+) in element (\d+); the last", one.why
+        r"iteration limit, 1 halvings.*nodes (\d+), (\d+), (\d+); largest strain: (\S+) in element (\d+); the last",
+        one.why,
     )
     assert found, one.why
     assert problem.mesh is not None
