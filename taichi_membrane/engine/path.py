@@ -182,7 +182,9 @@ def follow(path: Path, start: PathPoint, target: float, progress: Callable[[Path
         if point.negative > 0 or point.factor <= last.factor:
             falling = point.slope() < 0.0
             upper = _crossing(last, point) if falling else point.factor
-            if upper - last.factor <= close:
+            # Tangents that meet below either point belong to a path that is not concave between them: no bound yet.
+            bounds = not falling or upper >= max(last.factor, point.factor)
+            if bounds and upper - last.factor <= close:
                 reason = "limit" if falling else "bifurcation"
                 return PathEnd(reason=reason, last=last, beyond=point, upper=upper, iterations=spent)
             length = _REFINE * float(np.linalg.norm(point.advance))

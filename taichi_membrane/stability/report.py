@@ -245,6 +245,6 @@ def _draw_panel(axes: Axes, reports: Sequence[CaseReport], solver: str, precisio
 
 def _short(level: float) -> str:
     """A level in few characters: 1e5 rather than 100000."""
-    text = f"{level:g}"
+    text = f"{level:.4g}"
     exponent = f"{level:.0e}".replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")
-    return exponent if len(text) > 5 or "e" in text else text
+    return exponent if level >= 1e5 or "e" in text else text

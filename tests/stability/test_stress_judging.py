@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from taichi_membrane.commands import stress as command
 from taichi_membrane.commands.cli import app
 from taichi_membrane.errors import InputError
+from taichi_membrane.scene import Scene
 from taichi_membrane.stability import catalogue, report
 from taichi_membrane.stability.case import CONVERGED, HONEST, WRONG, Case, Entry, Problem, border, judge
 
@@ -222,3 +223,11 @@ def test_cases_are_complete(name: str) -> None:
     assert case.required in case.levels
     assert all(level in levels for level in case.known.values())
     assert bool(case.known) == bool(case.remark)
+
+
+@pytest.mark.parametrize("name", catalogue.CASES)
+def test_every_level_is_a_scene_that_the_program_admits(name: str) -> None:
+    case = catalogue.CASES[name]()
+    for level in case.swept(full=True):
+        data = {"name": "case", "units": {"length": "m", "force": "N"}, **case.problem(level).scene}
+        assert Scene.model_validate(data).stages
