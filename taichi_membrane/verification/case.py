@@ -163,7 +163,7 @@ def run_case(case: Case, *, full: bool = False) -> CaseResult:
             outcomes[size] = case.run(size)
         except NoEquilibriumError as error:
             failure = f"{size} {case.size_label}: {error}"
-            break
+            continue
         seconds[size] = time.perf_counter() - started
     done = tuple(size for size in sizes if size in outcomes)
     return CaseResult(

@@ -50,10 +50,10 @@ def test_a_large_error_fails_at_the_right_rate() -> None:
     assert (one.within_bound, one.falls_fast_enough) == (False, True)
 
 
-def test_no_equilibrium_fails_and_keeps_the_meshes_before() -> None:
+def test_no_equilibrium_fails_and_keeps_the_other_meshes() -> None:
     result = run_case(made_up(fails_at=8))
     assert not result.passed
-    assert result.sizes == (4,)
+    assert result.sizes == (4, 16)
     assert "8 pieces: stage load, step 1: lost" in result.failure
 
 
