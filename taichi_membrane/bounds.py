@@ -16,6 +16,7 @@ except ImportError:  # Windows has no such limits
     resource = None  # type: ignore[assignment]
 
 _CGROUP = Path("/sys/fs/cgroup/memory.max")
+_REPEATED = 0.5  # seconds between two alarms
 
 
 class TooLong(BaseException):
@@ -79,7 +80,8 @@ def at_most_seconds(seconds: float) -> Iterator[None]:
         yield
         return
     signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    # Again and again: where Python runs a callback of its own, such as the garbage collector's, the exception is swallowed.
+    signal.setitimer(signal.ITIMER_REAL, seconds, _REPEATED)
     try:
         yield
     finally:

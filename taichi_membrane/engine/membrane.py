@@ -4,36 +4,14 @@ A :class:`Membrane` is built once per run; displacements, pressures and loads ar
 use compiles no branch here.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import taichi as ti
-from numpy.typing import NDArray
 
 from taichi_membrane.engine import element, fabric
 from taichi_membrane.engine.fields import MembraneFields
 from taichi_membrane.engine.preparation import Floats
+from taichi_membrane.engine.record import ElementState
 from taichi_membrane.names import TAUT
-
-
-@dataclass(frozen=True, kw_only=True)
-class ElementState:
-    """State of every triangle at the present displacements; stresses and strains in fabric axes (warp, weft, shear).
-
-    :param strain: (m, 3); shear is the engineering shear strain.
-    :param stress: (m, 3) force per area.
-    :param state: (m,) 0 taut, 1 wrinkled, 2 slack.
-    :param fold_strain: (m,) largest principal strain stored in folds, zero where taut.
-    :param taut_margin: (m,) minor principal trial stress over the fabric's larger modulus; negative where not taut.
-    :param slack_margin: (m,) major principal strain; negative where slack.
-    """
-
-    strain: Floats
-    stress: Floats
-    state: NDArray[np.int8]
-    fold_strain: Floats
-    taut_margin: Floats
-    slack_margin: Floats
 
 
 @ti.data_oriented

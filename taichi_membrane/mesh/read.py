@@ -42,6 +42,11 @@ def read_parts(path: Path) -> MeshParts:
     raw = _read_quietly(path)
     blocks = [(block.type, np.asarray(block.data)) for block in raw.cells]
     _refuse_other_cells(path, blocks)
+    for kind, data in blocks:
+        if kind == "triangle" and (data.ndim != 2 or data.shape[1] != 3):
+            raise InputError(
+                f"{path}: damaged: triangles of shape {data.shape}, but three node numbers each are expected"
+            )
     triangles = _joined(data for kind, data in blocks if kind == "triangle").reshape(-1, 3)
     if not len(triangles):
         held = ", ".join(f"{len(data)} {kind}" for kind, data in blocks if len(data))

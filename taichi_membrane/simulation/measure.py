@@ -8,10 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from taichi_membrane.engine.membrane import ElementState
 from taichi_membrane.engine.newton import AnyFactor
 from taichi_membrane.engine.preparation import Floats
-from taichi_membrane.engine.record import SolveRecord
+from taichi_membrane.engine.record import ElementState, SolveRecord
 from taichi_membrane.scene import Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
@@ -150,12 +149,7 @@ class Measure:
         geometry = self.membrane.geometry
         at_rest = np.cos(angle)[:, None] * geometry.warp + np.sin(angle)[:, None] * geometry.weft
         return ElementFields(
-            strain=state.strain,
-            stress=state.stress,
-            state=state.state,
-            fold_strain=state.fold_strain,
-            taut_margin=state.taut_margin,
-            slack_margin=state.slack_margin,
+            **vars(state),
             major_stress=mean + radius,
             minor_stress=mean - radius,
             major_direction=self._pushed_forward(at_rest, displacement),

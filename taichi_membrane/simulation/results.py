@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_membrane.engine.record import ElementState
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, Outcome, Precision
 from taichi_membrane.scene import Scene
@@ -17,25 +18,13 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ElementFields:
+class ElementFields(ElementState):
     """What each triangle does; (m,) arrays unless said otherwise.
 
-    :param strain: (m, 3) in fabric axes: warp, weft, engineering shear.
-    :param stress: (m, 3) force per area in fabric axes.
-    :param state: 0 taut, 1 wrinkled, 2 slack.
-    :param fold_strain: largest principal strain stored in folds.
-    :param taut_margin: minor principal trial stress over the larger modulus; negative where not taut.
-    :param slack_margin: major principal strain; negative where slack.
     :param major_stress: major principal stress; ``minor_stress`` the other one.
     :param major_direction: (m, 3) unit vector of the major stress on the deformed element; wrinkles run along it.
     """
 
-    strain: Floats
-    stress: Floats
-    state: NDArray[np.int8]
-    fold_strain: Floats
-    taut_margin: Floats
-    slack_margin: Floats
     major_stress: Floats
     minor_stress: Floats
     major_direction: Floats
