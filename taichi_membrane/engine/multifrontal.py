@@ -9,9 +9,8 @@ fronts).
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -26,8 +25,6 @@ from taichi_membrane.engine.preparation import Floats, Ints
 
 # A pivot below this share of its diagonal entry is round-off: the matrix is singular in double precision.
 _CANCELLED = 1e-14
-# Fronts of fewer rows are eliminated on one thread: waking a second one costs more than it saves.
-_MANY_THREADS = 1500
 
 Runs = list[tuple[slice, slice]]
 
@@ -172,7 +169,7 @@ class Factor:
         order = self.elimination.dissection.order
         x = np.ascontiguousarray(right[order])
         fronts = list(zip(self.elimination.fronts, self.pivots, strict=True))
-        with _threads(1):
+        with _one_thread():
             for front, pivots in fronts:
                 own = x[front.start : front.stop].reshape(-1)
                 if pivots.order is None:
@@ -207,11 +204,10 @@ def factorise(
     updates: dict[int, Floats] = {}
     pivots: list[_Pivots] = []
     negative = 0
-    with _threads(1):
+    with _one_thread():
         for number, front in enumerate(elimination.fronts):
             matrix, diagonal_entries = _assembled(front, values, added, updates)
-            with _threads(_processors()) if front.rows >= _MANY_THREADS else nullcontext():
-                result = _eliminated(matrix, diagonal_entries, indefinite)
+            result = _eliminated(matrix, diagonal_entries, indefinite)
             if result is None:
                 return None
             factorised, updates[number], count = result
@@ -271,11 +267,6 @@ def _controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-@cache
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _threads(limit: int) -> AbstractContextManager[object]:
-    """Let BLAS use so many threads."""
-    return _controller().limit(limits=limit, user_api="blas")
+def _one_thread() -> AbstractContextManager[object]:
+    """Keep BLAS to one thread: on fronts of up to 2500 rows a second one was slower, and beside other work ten times slower."""
+    return _controller().limit(limits=1, user_api="blas")
