@@ -183,8 +183,10 @@ class Membrane(MembraneFields):
 
     @ti.kernel
     def _forces_kernel(self, out: ti.types.ndarray()):
+        ti.loop_config(block_dim=self.block_dim)
         for t in range(self.bounds[None].triangles):
             self.store_corner_forces(t)
+        ti.loop_config(block_dim=self.block_dim)
         for i in range(self.bounds[None].nodes):
             force = self.gathered_force(i)
             for c in ti.static(range(3)):
@@ -270,6 +272,7 @@ class Membrane(MembraneFields):
         state_out: ti.types.ndarray(),
         scalar_out: ti.types.ndarray(),
     ):
+        ti.loop_config(block_dim=self.block_dim)
         for t in range(self.bounds[None].triangles):
             k = self.fabric_number(t)
             for number in ti.static(range(len(self.features.variants))):

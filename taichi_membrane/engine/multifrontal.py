@@ -33,7 +33,7 @@ Runs = list[tuple[slice, slice]]
 class Front:
     """What never changes of a front; numbers are places in the order of elimination, sizes count nodes.
 
-    :param own: the nodes it eliminates, ``start`` to ``stop``.
+    :param start: first of the nodes it eliminates; ``stop`` is past the last.
     :param border: later nodes they touch, ascending.
     :param blocks: the matrix blocks that enter here, as a range of block numbers.
     :param entry: (9 · blocks,) place of their entries in the front, column by column.

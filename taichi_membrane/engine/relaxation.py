@@ -141,6 +141,7 @@ class Relaxation:
 
     @ti.kernel
     def _iterate(self, tolerance: float, reference: float):
+        ti.loop_config(block_dim=self.membrane.block_dim)
         for t in range(self.membrane.bounds[None].triangles):
             self.membrane.store_corner_forces(t)
         for block in range(self.membrane.bounds[None].node_blocks):
@@ -156,6 +157,7 @@ class Relaxation:
         if self.control[None].status == RUNNING:
             total = self.total_of_blocks()
             self.judge(total[0], total[1], tolerance)
+        ti.loop_config(block_dim=self.membrane.block_dim)
         for i in range(self.membrane.bounds[None].nodes):
             self.move(i, self.control[None].gain)
         # The first velocity after a peak is half a step from rest.
@@ -163,9 +165,11 @@ class Relaxation:
 
     @ti.kernel
     def _refresh_mass(self, keep_larger: int):
+        ti.loop_config(block_dim=self.membrane.block_dim)
         for t in range(self.membrane.bounds[None].triangles):
             self.membrane.store_corner_stiffness(t)
         self.control[None].mass_grew = 0
+        ti.loop_config(block_dim=self.membrane.block_dim)
         for i in range(self.membrane.bounds[None].nodes):
             mass = ti.cast(0.0, self.fp)
             for c in range(self.membrane.node_corner_start[i], self.membrane.node_corner_start[i + 1]):

@@ -92,11 +92,13 @@ class Tangent:
 
     @ti.kernel
     def _assemble(self, out: ti.types.ndarray()):
+        ti.loop_config(block_dim=self.membrane.block_dim)
         for t in range(self.membrane.bounds[None].triangles):
             k = self.membrane.fabric_number(t)
             for number in ti.static(range(len(self.membrane.features.variants))):
                 if self.membrane.has_variant(k, number):
                     self.store_blocks(t, k, self.membrane.features.variants[number])
+        ti.loop_config(block_dim=self.membrane.block_dim)
         for i in range(self.membrane.bounds[None].nodes):
             block = ti.Matrix.zero(self.membrane.fp, 3, 3)
             for c in range(self.membrane.node_corner_start[i], self.membrane.node_corner_start[i + 1]):
@@ -106,6 +108,7 @@ class Tangent:
             for c in ti.static(range(3)):
                 if self.membrane.node_held[i][c] == 1:
                     out[self.node_block[i], c, c] = 1.0
+        ti.loop_config(block_dim=self.membrane.block_dim)
         for e in range(self.edge_count[None]):
             block = ti.Matrix.zero(self.membrane.fp, 3, 3)
             for p in ti.static(range(2)):
