@@ -19,15 +19,15 @@ study cantilever --vary mesh.around+mesh.along=16:40,24:60,36:90,54:135 --vary s
 
 # Inflated from exactly flat; single precision beside double. No closed form.
 study cushion --vary mesh.along_x+mesh.along_y=8:8,16:16,32:32 --vary solver.kind=hybrid,relaxation \
-    --vary solver.tolerance=1e-3,1e-5 --vary precision=f64,f32 --set 'checks=[]' --probe centre --reference extrapolated --budget 30
+    --vary solver.tolerance=1e-3 --vary precision=f64,f32 --set 'checks=[]' --probe centre --reference finest --budget 30
 
 # The seed's arch under a load round its crown, half way to its first wrinkle.
-study seed_arch_ring --vary mesh.around+mesh.along=12:48,18:72,27:108 --vary solver.kind=hybrid,relaxation \
-    --vary solver.tolerance=1e-4,1e-6 --set stages.load.steps=2 --set 'stages.load.loads={crown=500.0, foot_start=-4719.326, foot_end=-4719.326}' --set 'checks=[]' \
+study seed_arch_ring --vary mesh.around+mesh.along=12:48,16:64,24:96 --vary solver.kind=hybrid,relaxation \
+    --vary solver.tolerance=1e-5 --set stages.load.steps=2 --set 'stages.load.loads={crown=500.0, foot_start=-4719.326, foot_end=-4719.326}' --set 'checks=[]' \
     --probe deflection --reference extrapolated --budget 30
 
 # The Mylar balloon: exact, so that the discretisation error is all there is once the solver is.
-study mylar --vary mesh.rings=8,16,32,64 --vary solver.kind=hybrid,relaxation --vary solver.tolerance=1e-3,1e-6 \
+study mylar --vary mesh.rings=8,16,32,64 --vary solver.kind=hybrid,relaxation --vary solver.tolerance=1e-6 \
     --set 'checks=[]' --probe height --reference 0.4569465810444633 --budget 30
 
 exit "$worst"

@@ -40,8 +40,8 @@ class MembraneFields:
         self.fp: Any = ti.f64 if active.precision == "f64" else ti.f32
         self.dtype: Any = np.float64 if active.precision == "f64" else np.float32
         self.on_cpu = active.on_cpu
-        # Iterations that a thread takes at a time, resp. threads of a block; left to itself Taichi gives a thread 32 of a loop whose
-        # end it does not know.
+        # What a thread takes at a time (on a GPU: threads of a block); left to itself Taichi makes it 32 where it does not know
+        # the loop's end.
         self.block_dim = 512 if active.on_cpu else 128
         # Single precision resolves a displacement of 10 mm to 5e-7 mm; a stiff fabric answers that with forces that keep the
         # cantilever's residual above 1e-5 of its load. The part that is rounded off is kept beside it, so that differences of
