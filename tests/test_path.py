@@ -58,6 +58,7 @@ def test_arc_length_follows_the_exact_path_through_both_limits() -> None:
     pushes = result.probe("push")
     for height, push in zip(heights, pushes, strict=True):
         assert push == pytest.approx(load_at(height), abs=1e-5 * LIMIT)
+    assert np.all(np.diff(heights) < 0.0)  # onwards, never back
     assert heights[-1] < -RISE
     assert pushes[-1] >= 1.2 * LIMIT  # the stage ends beyond its load, not before it
     assert pushes.min() < -0.9 * LIMIT
