@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_path import INNER, LIMIT, RISE, SLANT, VOLUME, E, load_at, tent
+from test_path import LIMIT, RISE, SLANT, VOLUME, E, tent
 
 from taichi_membrane.engine.record import SolveRecord
 from taichi_membrane.scene import Scene
@@ -71,8 +71,6 @@ def test_buckling_extrapolates_the_tangent() -> None:
         predicted.append(step.modes.values[0] * target)
     errors = np.abs(np.array(predicted) / LIMIT - 1.0)
     assert np.all(np.diff(errors) < 0.0)  # the nearer the limit, the better the prediction
-    assert load_at(RISE / np.sqrt(3)) == pytest.approx(LIMIT)
-    assert INNER < SLANT
 
 
 TUBE: dict[str, Any] = {

@@ -285,4 +285,7 @@ def _stage_line(scene: Scene, stage: Stage) -> str:
         aims = [] if stage.pressure is None else [f"pressure to {stage.pressure:g} {scene.units.stress}"]
     aims += [f"load {name} to {_with_unit(value, load_unit(scene, name))}" for name, value in stage.loads.items()]
     aims += [f"motion {name} to {_with_unit(value, motion_unit(scene, name))}" for name, value in stage.motions.items()]
+    aims += ["by arc length"] if stage.control == "arc_length" else []
+    aims += ["until collapse"] if stage.until == "collapse" else []
+    aims += [f"valve shut: {', '.join(stage.closed)}"] if stage.closed else []
     return f"{stage.name}: {stage.steps} {'step' if stage.steps == 1 else 'steps'}, {', '.join(aims) or 'no change'}"

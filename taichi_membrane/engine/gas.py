@@ -11,7 +11,7 @@ import numpy as np
 
 from taichi_membrane.engine.membrane import Membrane
 from taichi_membrane.engine.multifrontal import Factor
-from taichi_membrane.engine.preparation import Floats, Ints
+from taichi_membrane.engine.preparation import Floats, Ints, volume_gradient
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,13 +90,10 @@ class Gas:
         return [chamber.rest_volume + float(swept[chamber.triangles].sum()) for chamber in self.chambers]
 
     def _gradient(self, chamber: Chamber) -> Floats:
-        """(node_count, 3) ∂V/∂x in the supports' axes: a third of the area vectors of the triangles at each node."""
+        """(node_count, 3) ∂V/∂x in the supports' axes."""
         mesh = self.membrane.structure.mesh
-        triangles = mesh.triangles[chamber.triangles]
-        corners = (mesh.points + self.membrane.displacement())[triangles]
-        vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 6.0
-        columns = [np.bincount(triangles.ravel(), np.repeat(c, 3), minlength=mesh.node_count) for c in vector.T]
-        return self.membrane.in_frames(np.stack(columns, axis=1))
+        places = mesh.points + self.membrane.displacement()
+        return self.membrane.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -228,7 +228,7 @@ class Newton:
         return mode
 
     def _stiffness_bound(self) -> Floats:
-        """(node_count, 3) diagonal 2 M at free components, which bounds the tangent."""
+        """(node_count, 3) twice the fictitious masses at free components, the unit of the shift."""
         return np.where(self.free, 2.0 * self.relaxation.masses()[:, None], 0.0)
 
     def _adapt_shift(self, fraction: float) -> None:

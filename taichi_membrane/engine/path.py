@@ -92,7 +92,7 @@ class Path:
         """Iterate from the predicted point to equilibrium, perpendicular to the step; None where that fails."""
         slope = float(np.vdot(advance, before.tangent) / np.vdot(before.tangent, before.tangent))
         factor = before.factor + slope
-        first = np.inf
+        lowest = np.inf
         for iteration in range(_MOST_ITERATIONS + 1):
             position = before.position + self.membrane.from_frames(advance)
             self.membrane.set_displacement(position)
@@ -101,8 +101,8 @@ class Path:
             residual = float(np.linalg.norm(force)) / self.reference
             if residual <= self.tolerance:
                 return self._point(position, factor, advance, iteration, residual), iteration
-            first = min(first, residual)
-            if not np.isfinite(residual) or residual > _RUNAWAY * first:
+            lowest = min(lowest, residual)
+            if not np.isfinite(residual) or residual > _RUNAWAY * lowest:
                 break
             stiffness = self.newton.factorised(indefinite=True)
             if stiffness is None:

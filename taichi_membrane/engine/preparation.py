@@ -136,6 +136,14 @@ def nodal_pressure(mesh: Mesh, tri_pressure: Floats) -> Floats:
     return sum_to_nodes(mesh, np.repeat(force, 3, axis=0))
 
 
+def volume_gradient(points: Floats, triangles: Ints) -> Floats:
+    """(node_count, 3) ∂V/∂x of the volume that triangles enclose: a sixth of (b - a) × (c - a) of each at its three corners."""
+    corners = points[triangles]
+    vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 6.0
+    columns = [np.bincount(triangles.ravel(), np.repeat(c, 3), minlength=len(points)) for c in vector.T]
+    return np.stack(columns, axis=1)
+
+
 def sum_to_nodes(mesh: Mesh, corner_values: Floats) -> Floats:
     """Sum (3 · tri_count, k) corner values at the nodes, giving (node_count, k)."""
     flat = mesh.triangles.reshape(-1)

@@ -105,9 +105,8 @@ class Measure:
         self.membrane.set_displacement(step.displacement)
         self.equilibrium.apply(LoadState(step.pressures, step.loads, step.motions))
         if step.converged:
-            self._tangent(
-                step.stage
-            )  # handed on to the next step; a new one of a barely definite matrix may be refused
+            # Handed on to the next step; a new one of a barely definite matrix may be refused.
+            self._tangent(step.stage)
 
     def _modes_asked(self, stage: str) -> Modes | None:
         asked = self.model.scene.modes

@@ -11,7 +11,7 @@ import numpy as np
 
 from taichi_membrane import scene as scenes
 from taichi_membrane.engine.newton import AnyFactor, Newton
-from taichi_membrane.engine.preparation import Floats, Ints
+from taichi_membrane.engine.preparation import Floats, volume_gradient
 from taichi_membrane.simulation.model import Model, group_nodes
 
 
@@ -64,7 +64,7 @@ def _gradient(model: Model, name: str, displacement: Floats) -> Floats:
     probe, mesh = model.scene.probes[name], model.structure.mesh
     gradient = np.zeros_like(displacement)
     if isinstance(probe, scenes.VolumeProbe):
-        return _volume_gradient(mesh.points + displacement, mesh.triangles)
+        return volume_gradient(mesh.points + displacement, mesh.triangles)
     assert isinstance(
         probe, scenes.DisplacementProbe | scenes.RadiusProbe | scenes.RotationProbe
     )  # the scene allows no other
@@ -87,14 +87,6 @@ def _gradient(model: Model, name: str, displacement: Floats) -> Floats:
             mesh.points[nodes] - np.array(probe.through), displacement[nodes], np.array(probe.axis)
         )
     return gradient
-
-
-def _volume_gradient(points: Floats, triangles: Ints) -> Floats:
-    """∂V/∂x: a third of each triangle's area vector at its corners."""
-    corners = points[triangles]
-    vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 6.0
-    columns = [np.bincount(triangles.ravel(), weights=np.repeat(c, 3), minlength=len(points)) for c in vector.T]
-    return np.stack(columns, axis=1)
 
 
 def _rotation_gradient(arms: Floats, displacement: Floats, axis: Floats) -> Floats:
