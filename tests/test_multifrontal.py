@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.linalg import lapack
 
 from taichi_membrane import shapes
-from taichi_membrane.engine.multifrontal import Elimination, eliminate, factorise
+from taichi_membrane.engine import elimination as elimination_module
+from taichi_membrane.engine import multifrontal
+from taichi_membrane.engine.elimination import Elimination, eliminate
+from taichi_membrane.engine.multifrontal import Multifrontal
 from taichi_membrane.mesh import Mesh
 
 
@@ -54,7 +59,7 @@ def test_solutions_and_inertia_are_those_of_dense_algebra(name: str, definite: b
         elimination, blocks, full = random_system(mesh, seed)
         eigenvalues = np.linalg.eigvalsh(full)
         shift = np.full((mesh.node_count, 3), 1.0 - eigenvalues[0] if definite else 0.3)
-        factor = factorise(elimination, blocks, shift, indefinite=not definite)
+        factor = Multifrontal(elimination).factorise(blocks, shift, indefinite=not definite)
         assert factor is not None
         shifted = eigenvalues + shift[0, 0]
         assert factor.negative == (shifted < 0.0).sum()
@@ -72,11 +77,11 @@ def test_what_is_not_definite_is_refused() -> None:
     lowest = np.linalg.eigvalsh(full)[0]
     for above, accepted in ((1e-6, True), (-1e-6, False)):
         shift = np.full((mesh.node_count, 3), above - lowest)
-        assert (factorise(elimination, blocks, shift) is not None) == accepted
+        assert (Multifrontal(elimination).factorise(blocks, shift) is not None) == accepted
     flat = blocks * 0.0
     flat[elimination.node_block] = np.diag([1.0, 1.0, 0.0])  # nothing resists motion along z
-    assert factorise(elimination, flat) is None
-    assert factorise(elimination, flat, indefinite=True) is None
+    assert Multifrontal(elimination).factorise(flat) is None
+    assert Multifrontal(elimination).factorise(flat, indefinite=True) is None
 
 
 def test_a_pivot_of_round_off_is_singular() -> None:
@@ -89,8 +94,8 @@ def test_a_pivot_of_round_off_is_singular() -> None:
     blocks[elimination.node_block] = degree[:, None, None] * np.eye(
         3
     )  # the graph's Laplacian: constants have no stiffness
-    assert factorise(elimination, blocks) is None
-    assert factorise(elimination, blocks, np.full((mesh.node_count, 3), 1e-9)) is not None
+    assert Multifrontal(elimination).factorise(blocks) is None
+    assert Multifrontal(elimination).factorise(blocks, np.full((mesh.node_count, 3), 1e-9)) is not None
 
 
 def test_a_positive_pivot_of_round_off_is_singular_too() -> None:
@@ -104,13 +109,35 @@ def test_a_positive_pivot_of_round_off_is_singular_too() -> None:
         blocks[elimination.edge_block] = -stiffness[:, None, None] * np.eye(3)
         diagonal = np.bincount(edges.ravel(), np.repeat(stiffness, 2))
         blocks[elimination.node_block] = diagonal[:, None, None] * np.eye(3)
-        assert factorise(elimination, blocks) is None
+        assert Multifrontal(elimination).factorise(blocks) is None
         full = np.diag(diagonal)
         full[edges[:, 0], edges[:, 1]] = full[edges[:, 1], edges[:, 0]] = -stiffness
         order = elimination.dissection.order
         _, failed = lapack.dpotrf(full[np.ix_(order, order)], lower=1)
         positive += failed == 0
     assert positive > 0  # LAPACK alone lets some pass
+
+
+@pytest.mark.parametrize("name", ["tube", "disc"])
+def test_threads_change_no_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Groups of a few fronts each on three threads, every call without Python's lock; and a refusal leaves memory for the next."""
+    mesh = MESHES[name]
+    _, blocks, full = random_system(mesh, 0)
+    lowest = np.linalg.eigvalsh(full)[0]
+    right = np.random.default_rng(1).normal(size=(mesh.node_count, 3))
+    monkeypatch.setattr(elimination_module, "_SMALLEST_GROUP", 0.0)
+    monkeypatch.setattr(multifrontal, "_WORTH_SHARING", 0.0)
+    monkeypatch.setattr(multifrontal, "_LARGE_PANEL", 0)
+    elimination = eliminate(mesh.points, mesh.edges())
+    assert len(elimination.groups) > 4
+    one, three = (Multifrontal(elimination, threads) for threads in (1, 3))
+    for above in (1.0, 0.5, 1e-3):
+        shift = np.full((mesh.node_count, 3), above - lowest)
+        factors = [solver.factorise(blocks, shift) for solver in (one, three)]
+        expected, found = (factor.solve(right) for factor in factors if factor is not None)
+        assert np.array_equal(expected, found)
+        assert three.factorise(blocks, np.full((mesh.node_count, 3), -above - lowest)) is None
+    assert len(three.memory._spare) <= len(elimination.groups)  # memory comes back
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -120,13 +147,13 @@ def test_fronts_partition_the_nodes_and_children_come_first(name: str) -> None:
     dissection = elimination.dissection
     assert sorted(dissection.order) == list(range(MESHES[name].node_count))
     front_of = np.repeat(np.arange(len(dissection.parent)), np.diff(dissection.start))
-    for number, front in enumerate(elimination.fronts):
+    for number, (a, b) in enumerate(pairwise(elimination.border_start)):
         ancestors, at = set(), dissection.parent[number]
         while at >= 0:
             assert at > number
             ancestors.add(at)
             at = dissection.parent[at]
-        assert set(front_of[front.border]) <= ancestors
+        assert set(front_of[elimination.border[a:b]]) <= ancestors
 
 
 def test_the_factor_grows_as_n_log_n() -> None:

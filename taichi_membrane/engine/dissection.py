@@ -21,16 +21,18 @@ _LEAF = 24
 
 @dataclass(frozen=True, eq=False)
 class Dissection:
-    """Order of elimination and tree of fronts; children come before their parents.
+    """Order of elimination and tree of fronts; a front's descendants come right before it.
 
     :param order: (node_count,) node numbers as they are eliminated.
     :param start: (front_count + 1,) where each front's nodes begin in ``order``.
     :param parent: (front_count,) number of the front that each one is condensed into, -1 for none.
+    :param depth: (front_count,) number of its ancestors.
     """
 
     order: NDArray[np.int64]
     start: NDArray[np.int64]
     parent: NDArray[np.int64]
+    depth: NDArray[np.int64]
 
     @cached_property
     def place(self) -> NDArray[np.int64]:
@@ -38,15 +40,6 @@ class Dissection:
         place = np.empty_like(self.order)
         place[self.order] = np.arange(len(self.order))
         return place
-
-    @cached_property
-    def children(self) -> list[list[int]]:
-        """Numbers of the fronts that are condensed into each front."""
-        lists: list[list[int]] = [[] for _ in self.parent]
-        for front, parent in enumerate(self.parent.tolist()):
-            if parent >= 0:
-                lists[parent].append(front)
-        return lists
 
 
 def dissect(points: Floats, edges: Ints) -> Dissection:
@@ -59,16 +52,20 @@ def dissect(points: Floats, edges: Ints) -> Dissection:
     fronts, front_of = np.unique(home, return_inverse=True)
     # A front's descendants have numbers that begin with its own bits: sorted by the end of that interval, deeper ones first,
     # children come before parents and siblings stay together.
-    depth = np.frexp(fronts.astype(np.float64))[1] - 1
-    interval_end = (fronts + 1) << (depth.max() - depth)
-    after = np.lexsort((-depth, interval_end))
+    level = np.frexp(fronts.astype(np.float64))[1] - 1
+    interval_end = (fronts + 1) << (level.max() - level)
+    after = np.lexsort((-level, interval_end))
     rank = np.empty_like(after)
     rank[after] = np.arange(len(after))
     front_of = rank[front_of]
     # Within a front, by piece: the nodes that a child shares with its parent then come in few unbroken runs.
     order = np.lexsort((piece, front_of))
     start = np.concatenate([[0], np.cumsum(np.bincount(front_of, minlength=len(fronts)))])
-    return Dissection(order=order, start=start, parent=_parents(fronts[after]))
+    parent = _parents(fronts[after])
+    depth = np.zeros(len(parent), dtype=np.int64)
+    for front, above in reversed(list(enumerate(parent.tolist()))):
+        depth[front] = depth[above] + 1 if above >= 0 else 0
+    return Dissection(order=order, start=start, parent=parent, depth=depth)
 
 
 def _halve(points: Floats, edges: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.engine.gas import CoupledFactor, Gas
 from taichi_membrane.engine.membrane import Membrane
-from taichi_membrane.engine.multifrontal import Factor, factorise
+from taichi_membrane.engine.multifrontal import Factor
 from taichi_membrane.engine.preparation import Floats
 from taichi_membrane.engine.record import Progress, SolveRecord
 from taichi_membrane.engine.relaxation import Relaxation
@@ -117,8 +117,8 @@ class Newton:
         return np.where(self.free, self.membrane.in_frames(self.membrane.out_of_balance()), 0.0)
 
     def factorised(self, *, indefinite: bool = False) -> AnyFactor | None:
-        """The present tangent, factorised; see :func:`multifrontal.factorise`."""
-        factor = factorise(self.tangent.elimination, self.tangent.assemble(), indefinite=indefinite)
+        """The present tangent, factorised; see :meth:`Multifrontal.factorise`."""
+        factor = self.tangent.solver.factorise(self.tangent.assemble(), indefinite=indefinite)
         return factor if factor is None or self.gas is None else self.gas.coupled(factor)
 
     def _settled_energy(self, loads: Floats) -> float:
@@ -169,7 +169,7 @@ class Newton:
             else:
                 blocks = self.tangent.assemble() if blocks is None else blocks
                 shift = self.shift * self._stiffness_bound() if self.shift > 0.0 else None
-                definite = factorise(self.tangent.elimination, blocks, shift)
+                definite = self.tangent.solver.factorise(blocks, shift)
                 factor = definite if definite is None or self.gas is None else self.gas.coupled(definite)
             if factor is None:
                 self.definite = False
@@ -194,7 +194,7 @@ class Newton:
         if self.shift == 0.0:
             return None
         blocks, bound = self.tangent.assemble(), self._stiffness_bound()
-        if factorise(self.tangent.elimination, blocks, _SMALLEST_SHIFT * bound) is not None:
+        if self.tangent.solver.factorise(blocks, _SMALLEST_SHIFT * bound) is not None:
             return None
         mode = self._softest_mode(blocks, bound)
         step = self.membrane.from_frames(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
@@ -218,7 +218,7 @@ class Newton:
         factor = None
         while shift <= _LARGEST_SHIFT and factor is None:
             shift *= _SHIFT_FACTOR
-            factor = factorise(self.tangent.elimination, blocks, shift * bound)
+            factor = self.tangent.solver.factorise(blocks, shift * bound)
         # A fixed start: runs repeat bit by bit.
         mode = np.where(self.free, np.random.default_rng(0).standard_normal(self.free.shape), 0.0)
         if factor is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.engine import preparation
-from taichi_membrane.engine.multifrontal import Elimination, eliminate
+from taichi_membrane.engine.elimination import Elimination, eliminate
 from taichi_membrane.engine.preparation import FabricConstants, Floats, Ints, TriangleGeometry
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import WrinklingLaw
@@ -109,7 +109,7 @@ class Structure:
         """Compute now what the engine will ask for; ``matrix`` with what only a direct solver needs."""
         _ = self.geometry, self.node_corners
         if matrix:
-            _ = self.edge_parts, self.elimination
+            _ = self.edge_parts, self.elimination.additions, self.elimination.groups, self.elimination.entries
 
     def features(self) -> Features:
         """What this structure uses."""

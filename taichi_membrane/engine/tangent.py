@@ -8,9 +8,10 @@ import numpy as np
 import taichi as ti
 from scipy import sparse
 
-from taichi_membrane.engine import element, fabric
+from taichi_membrane.engine import element, fabric, runtime
 from taichi_membrane.engine.fields import fill
 from taichi_membrane.engine.membrane import Membrane
+from taichi_membrane.engine.multifrontal import Multifrontal
 from taichi_membrane.engine.preparation import Floats
 from taichi_membrane.engine.structure import Structure
 
@@ -45,6 +46,7 @@ class Tangent:
         """Take over the structure that is now in the membrane's fields."""
         structure = self.membrane.structure
         self.elimination = structure.elimination
+        self.solver = Multifrontal(self.elimination, runtime.current().threads)
         self.edge_count[None] = len(self.elimination.edge_node)
         fill(self.node_block, self.elimination.node_block)
         fill(self.edge_block, self.elimination.edge_block)
