@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from taichi_membrane.engine.preparation import Floats, Ints
 
 # Most nodes of a leaf: fewer make more fronts, whose handling costs time; more fill the factor.
-_LEAF = 24
+_LEAF = 32
 
 
 @dataclass(frozen=True, eq=False)
