@@ -11,7 +11,7 @@ import taichi as ti
 from oracle import SLACK, TAUT, WRINKLED, Floats
 
 from taichi_membrane.engine import fabric
-from taichi_membrane.engine.preparation import FabricConstants, fabric_record_columns
+from taichi_membrane.engine.preparation import FabricConstants
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
@@ -58,7 +58,8 @@ class Probe:
             FabricConstants(e_warp=a, e_weft=b, poisson=nu, shear=g, thickness=1.0) for a, b, nu, g in moduli.tolist()
         )
         self.records: Any = fabric.fabric_record(ti.f64).field(shape=len(fabrics))
-        self.records.from_numpy(fabric_record_columns(fabrics))
+        records = [one.record() for one in fabrics]
+        self.records.from_numpy({name: np.array([one[name] for one in records]) for name in records[0]})
 
     def __call__(self, strain: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Stress, energy density, state and fold strain."""

@@ -29,12 +29,15 @@ from taichi_membrane.names import SLACK, TAUT, WRINKLED
 _MAX_ROOT_STEPS = 60  # bisection alone reaches double precision in 53
 
 
+CONSTANTS = (
+    "c11", "c12", "c22", "c33", "root_warp", "root_weft", "root_shear", "eta",
+    "compliance_warp", "compliance_cross", "compliance_weft", "compliance_shear",
+)  # fmt: skip
+
+
 def fabric_record(fp: Any) -> Any:
     """The Taichi record of one fabric's constants in precision ``fp``; made from :class:`FabricConstants` of the model."""
-    return ti.types.struct(
-        c11=fp, c12=fp, c22=fp, c33=fp, root_warp=fp, root_weft=fp, root_shear=fp, eta=fp,
-        compliance_warp=fp, compliance_cross=fp, compliance_weft=fp, compliance_shear=fp,
-    )  # fmt: skip
+    return ti.types.struct(**dict.fromkeys(CONSTANTS, fp))
 
 
 @ti.func

@@ -3,15 +3,13 @@
 The mesh and everything that never changes is uploaded once. A feature the structure does not use owns no field.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from taichi_membrane.engine import fabric, preparation, runtime
+from taichi_membrane.engine import fabric, runtime
 from taichi_membrane.engine.preparation import FabricConstants, Floats
 from taichi_membrane.engine.structure import Features, Structure, variant_of
 
@@ -25,6 +23,9 @@ _BOUNDS = (
 )  # fmt: skip
 # Share of the structure's size: 24 bits then hold displacements of up to 32 sizes, and what is left to the rest is below this.
 _QUANTUM = 2.0**-19
+
+
+_Array: Any = ti.types.ndarray()
 
 
 class MembraneFields:
@@ -101,24 +102,26 @@ class MembraneFields:
         """Put a structure that :meth:`accepts` lets through in place of the present one, at rest."""
         self.structure, self.geometry = structure, structure.geometry
         self.node_count, self.tri_count = structure.mesh.node_count, structure.mesh.tri_count
-        self._set_bounds()
         features, mesh, dtype = self.features, structure.mesh, self.dtype
         thickness = np.array([one.thickness for one in structure.fabrics])[structure.tri_fabric]
         # The structure's own middle is the origin: coordinates far away would cost single precision its digits.
         self.origin = 0.5 * (mesh.points.min(axis=0) + mesh.points.max(axis=0))
-        fill(self.node_rest, (mesh.points - self.origin).astype(dtype))
-        fill(self.node_held, structure.node_held.astype(np.int32))
         if features.slanted and structure.node_frame is not None:
             fill(self.node_frame, structure.node_frame.astype(dtype))
         start, corners = structure.node_corners
-        fill(self.node_corner_start, start)
-        fill(self.node_corner, corners)
-        fill(self.tri_node, mesh.triangles)
-        fill(self.tri_side_length, self.geometry.side_length.astype(dtype))
-        fill(self.tri_volume, (self.geometry.area * thickness).astype(dtype))
-        fill(self.tri_strain_matrix, self.geometry.strain_matrix.astype(dtype))
-        for name, column in preparation.fabric_record_columns(structure.fabrics).items():
-            fill(self.fabric_constants.get_member_field(name), column.astype(dtype))
+        constants = np.array([[one.record()[name] for name in fabric.CONSTANTS] for one in structure.fabrics])
+        self._write(
+            (mesh.points - self.origin).astype(dtype),
+            structure.node_held.astype(np.int32),
+            start,
+            corners,
+            mesh.triangles.astype(np.int32),
+            self.geometry.side_length.astype(dtype),
+            (self.geometry.area * thickness).astype(dtype),
+            self.geometry.strain_matrix.astype(dtype),
+            constants.astype(dtype),
+            self._bounds(),
+        )
         if features.several_fabrics:
             fill(self.tri_fabric, structure.tri_fabric.astype(np.int32))
         if len(features.variants) > 1:
@@ -130,10 +133,39 @@ class MembraneFields:
             fill(self.fabric_prestrain, np.array(offsets, dtype=dtype))
         if features.pressure == "by_chamber":
             fill(self.tri_chamber, structure.tri_chamber.astype(np.int32))
+        if self.split_displacement:
+            self._set_quantum()
         self.set_displacement(np.zeros((self.node_count, 3)))
 
-    def _set_bounds(self) -> None:
-        """Where loops end. Sums run over fixed blocks, so that they do not depend on the number of threads."""
+    @ti.kernel
+    def _write(
+        self, rest: _Array, held: _Array, corner_start: _Array, corners: _Array, triangles: _Array, side_length: _Array,
+        volume: _Array, strain_matrix: _Array, constants: _Array, bounds: _Array,
+    ):  # fmt: skip
+        """All that every structure has, in one kernel: compiling one for each field took seconds."""
+        for number in ti.static(range(len(_BOUNDS))):
+            self.bounds.get_member_field(_BOUNDS[number])[None] = bounds[number]
+        for k in range(constants.shape[0]):
+            for number in ti.static(range(len(fabric.CONSTANTS))):
+                self.fabric_constants.get_member_field(fabric.CONSTANTS[number])[k] = constants[k, number]
+        for i in range(rest.shape[0]):
+            for c in ti.static(range(3)):
+                self.node_rest[i][c] = rest[i, c]
+                self.node_held[i][c] = held[i, c]
+        for i in range(corner_start.shape[0]):
+            self.node_corner_start[i] = corner_start[i]
+        for t in range(volume.shape[0]):
+            self.tri_volume[t] = volume[t]
+            for c in ti.static(range(3)):
+                self.node_corner[3 * t + c] = corners[3 * t + c]
+                self.tri_node[t][c] = triangles[t, c]
+                self.tri_side_length[t][c] = side_length[t, c]
+                for j in ti.static(range(3)):
+                    self.tri_strain_matrix[t][c, j] = strain_matrix[t, c, j]
+
+    def _bounds(self) -> NDArray[np.int32]:
+        """Where loops end, in the order of ``_BOUNDS``. Sums run over fixed blocks, so that they do not depend on the number of
+        threads."""
         if self.on_cpu:
             node_length, tri_length = -(-self.node_count // _CPU_BLOCKS), -(-self.tri_count // _CPU_BLOCKS)
         else:
@@ -141,21 +173,15 @@ class MembraneFields:
         node_blocks = -(-self.node_count // node_length)
         group_length = -(-node_blocks // GROUPS)
         self.tri_block_count = -(-self.tri_count // tri_length)
-        self.bounds[None] = {
-            "nodes": self.node_count,
-            "triangles": self.tri_count,
-            "node_block_length": node_length,
-            "tri_block_length": tri_length,
-            "node_blocks": node_blocks,
-            "tri_blocks": self.tri_block_count,
-            "group_length": group_length,
-            "groups": -(-node_blocks // group_length),
-        }
-        if self.split_displacement:
-            # The leading part is a multiple of this power of two, so that no compiler can see through the split and undo it.
-            size = float(np.linalg.norm(np.ptp(self.structure.mesh.points, axis=0)))
-            self.displacement_quantum = float(2.0 ** np.floor(np.log2(size * _QUANTUM)))
-            self.quantum[None] = self.displacement_quantum
+        counts = (self.node_count, self.tri_count, node_length, tri_length, node_blocks, self.tri_block_count)
+        return np.array([*counts, group_length, -(-node_blocks // group_length)], dtype=np.int32)
+
+    def _set_quantum(self) -> None:
+        """The leading part of a displacement is a multiple of this power of two, so that no compiler can see through the split and
+        undo it."""
+        size = float(np.linalg.norm(np.ptp(self.structure.mesh.points, axis=0)))
+        self.displacement_quantum = float(2.0 ** np.floor(np.log2(size * _QUANTUM)))
+        self.quantum[None] = self.displacement_quantum
 
     # ---- what a run changes
 

@@ -3,7 +3,6 @@ gather lists."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -149,12 +148,6 @@ def sum_to_nodes(mesh: Mesh, corner_values: Floats) -> Floats:
     flat = mesh.triangles.reshape(-1)
     columns = [np.bincount(flat, weights=column, minlength=mesh.node_count) for column in corner_values.T]
     return np.stack(columns, axis=1)
-
-
-def fabric_record_columns(fabrics: tuple[FabricConstants, ...]) -> Mapping[str, Floats]:
-    """Constants of all fabrics, one array per name."""
-    records = [fabric.record() for fabric in fabrics]
-    return {name: np.array([record[name] for record in records]) for name in records[0]}
 
 
 def edge_parts(triangles: Ints, edges: Ints) -> NDArray[np.int32]:

@@ -4,12 +4,13 @@ K = ∂²Π/∂x²: material tangent of the wrinkling law, geometric stiffness o
 triangle stores its six distinct 3×3 blocks; each block of the matrix then gathers its triangles' in fixed order.
 """
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 from scipy import sparse
 
 from taichi_membrane.engine import element, fabric, runtime
-from taichi_membrane.engine.fields import fill
 from taichi_membrane.engine.membrane import Membrane
 from taichi_membrane.engine.multifrontal import Multifrontal
 from taichi_membrane.engine.preparation import Floats
@@ -17,6 +18,8 @@ from taichi_membrane.engine.structure import Structure
 
 # The distinct blocks of a triangle: the three diagonal ones, then side a's, which couples corners a+1 and a+2.
 _BLOCKS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+
+_Array: Any = ti.types.ndarray()
 
 
 @ti.data_oriented
@@ -47,12 +50,22 @@ class Tangent:
         structure = self.membrane.structure
         self.elimination = structure.elimination
         self.solver = Multifrontal(self.elimination, runtime.current().threads)
-        self.edge_count[None] = len(self.elimination.edge_node)
-        fill(self.node_block, self.elimination.node_block)
-        fill(self.edge_block, self.elimination.edge_block)
-        fill(self.edge_node, self.elimination.edge_node)
-        fill(self.edge_part, structure.edge_parts)
+        elimination = self.elimination
+        self._write(elimination.node_block, elimination.edge_block, elimination.edge_node, structure.edge_parts)
         self.blocks = np.zeros((self.elimination.block_count, 3, 3))
+
+    @ti.kernel
+    def _write(
+        self, node_block: _Array, edge_block: _Array, edge_node: _Array, edge_part: _Array,
+    ):  # fmt: skip
+        self.edge_count[None] = edge_block.shape[0]
+        for i in range(node_block.shape[0]):
+            self.node_block[i] = node_block[i]
+        for e in range(edge_block.shape[0]):
+            self.edge_block[e] = edge_block[e]
+            for c in ti.static(range(2)):
+                self.edge_node[e][c] = edge_node[e, c]
+                self.edge_part[e][c] = edge_part[e, c]
 
     @ti.func
     def store_blocks(self, t, k, variant: ti.template()):

@@ -79,9 +79,13 @@ class Equilibrium:
         self.tolerance = settings.tolerance or _DEFAULT_TOLERANCE[runtime.current().precision]
 
     def compile(self) -> None:
-        """Compile every kernel a run needs, moving nothing; so that compile time is a figure of its own."""
-        self.relaxation.compile()
-        if self.newton is not None:
+        """Compile every kernel a run needs, moving nothing; so that compile time is a figure of its own.
+
+        Beside Newton, relaxation's wait until a step needs them.
+        """
+        if self.newton is None:
+            self.relaxation.compile()
+        else:
             self.newton.compile()
         self.membrane.out_of_balance()
         self.membrane.potential_energy(np.zeros((self.membrane.node_count, 3)))
