@@ -106,10 +106,10 @@ def build(overrides: dict[str, Any], *, precision: str, threads: int) -> tuple[A
     model = build_model(scene, build_mesh(scene))
     runtime.start(precision=precision, threads=threads)  # type: ignore[arg-type]
     from taichi_membrane.simulation.analysis import Analysis
-    from taichi_membrane.simulation.equilibrium import solver_kind
+    from taichi_membrane.simulation.solver_choice import chosen_solver
 
     started = time.perf_counter()
-    model.structure.prepare(matrix=solver_kind(model) != "relaxation")
+    model.structure.prepare(matrix=chosen_solver(model).kind != "relaxation")
     prepared = time.perf_counter()
     work = Analysis(model)
     work.compile()

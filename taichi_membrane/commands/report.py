@@ -53,6 +53,8 @@ def print_run(console: Console, result: RunResult) -> None:
     spent = ", ".join(f"{phase} {seconds:.1f} s" for phase, seconds in result.seconds.items())
     real = result.provenance
     threads = f", {real['threads']} threads" if real["threads"] else ""
+    if real["solver_reason"]:
+        _print_wrapped(console, "solver", f"{real['solver']} alone: {real['solver_reason']}")
     _print_wrapped(console, "time", f"{spent} ({real['arch']}, {real['precision']}{threads})")
     if result.directory is not None:
         print_files(console, result.directory, result.files)

@@ -92,6 +92,10 @@ class Elimination:
         """Numbers that a factor stores."""
         return int(self.panel_start[-1])
 
+    def memory(self) -> int:
+        """Bytes that a factorisation takes beside the matrix: the factor, and the updates at their most."""
+        return 8 * (self.factor_entries() + sum(group.workspace for group in self.groups))
+
     @cached_property
     def entries(self) -> Places:
         """(9 · block_count,) place of the blocks' entries in the panel of their front, column by column."""

@@ -270,7 +270,8 @@ class Solver(Model):
     ``tolerance``: 2-norm of the out-of-balance forces on free degrees of freedom over that of the applied forces, pressure
     included; by default 1e-6 in double precision, 3e-6 in single. ``max_iterations`` limits relaxation per solve. ``max_cuts``:
     how often a load step that fails is halved. ``stability``: count the negative eigenvalues of the tangent at every load step
-    (with Newton; it costs a factorisation where the next step changes a pressure). ``kind``: ``newton`` on the relaxed energy,
+    (with Newton; it costs a factorisation where the next step changes a pressure). ``memory``: GiB that a factor may take, by
+    default what the machine has; above it the hybrid relaxes alone. ``kind``: ``newton`` on the relaxed energy,
     ``relaxation`` (any back end and precision, any law), or ``hybrid``, which lets relaxation take over where Newton does not get
     on. Where load control finds no equilibrium, both Newton kinds follow the path by arc length to it, or to collapse.
     """
@@ -280,6 +281,7 @@ class Solver(Model):
     max_iterations: Annotated[int, Field(ge=1, le=1_000_000_000)] = 200_000
     max_cuts: Annotated[int, Field(ge=0, le=20)] = 4
     stability: bool = True
+    memory: Annotated[float, Field(gt=0, le=1e6)] | None = None
 
 
 class Modes(Model):

@@ -141,7 +141,7 @@ class Analysis:
             yield from had
             return
         newton = self.newton
-        assert newton is not None  # solver_kind refuses arc length without it
+        assert newton is not None  # chosen_solver refuses arc length without it
         path = self.equilibrium.path(newton, course.start, course.target)
         started = time.perf_counter()
         origin = self.membrane.displacement()

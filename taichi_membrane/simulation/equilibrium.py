@@ -15,9 +15,9 @@ from taichi_membrane.engine.path import Path, PathEnd, PathPoint, follow
 from taichi_membrane.engine.preparation import Floats
 from taichi_membrane.engine.record import Progress, SolveRecord
 from taichi_membrane.engine.relaxation import Relaxation
-from taichi_membrane.errors import InputError
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
 from taichi_membrane.simulation.model import Model
+from taichi_membrane.simulation.solver_choice import chosen_solver
 
 # Residual over applied load at which a state counts as equilibrium. On the cantilever 1e-6 leaves 2e-5 of the tip deflection, 3e-6
 # leaves 2e-4; single precision reaches the latter with room to spare.
@@ -67,7 +67,7 @@ class Equilibrium:
     def _settle(self, model: Model) -> None:
         """What the model decides and no kernel depends on."""
         self.model = model
-        self.kind = solver_kind(model)
+        self.kind = chosen_solver(model).kind
         if self.kind != "relaxation":
             if self._made is None or not self._made.tangent.accepts(model.structure):
                 self._made = Newton(self.membrane, self.relaxation)
@@ -292,30 +292,3 @@ def joined(*parts: SolveRecord) -> SolveRecord:
         iterations=sum(part.iterations for part in parts),
         seconds=sum(part.seconds for part in parts),
     )
-
-
-def solver_kind(model: Model) -> str:
-    """The solver a run uses: the scene's, or relaxation where Newton cannot work and the scene does not insist on it.
-
-    :raises InputError: the scene asks for Newton alone, or for arc length, in single precision or with the clipped law.
-    """
-    kind = model.scene.solver.kind
-    hindrance = None
-    if runtime.current().precision == "f32":
-        hindrance = "it needs precision f64, not f32"
-    elif any(fabric.law == "clip" for fabric in model.structure.fabrics):
-        hindrance = "the law 'clip' has no energy and no symmetric tangent"
-    if hindrance is None:
-        return kind
-    if kind == "newton":
-        raise InputError(
-            f"solver.kind = 'newton': {hindrance}; use 'relaxation', or 'hybrid', which then relaxes alone"
-        )
-    if model.scene.modes is not None or model.scene.derivatives:
-        raise InputError(f"modes and derivatives need Newton's tangent: {hindrance}")
-    for stage in model.scene.stages:
-        if stage.closed:
-            raise InputError(f"stages.{stage.name}.closed needs Newton: {hindrance}")
-        if stage.control == "arc_length":
-            raise InputError(f"stages.{stage.name}.control = 'arc_length' needs Newton: {hindrance}; use 'load'")
-    return "relaxation"

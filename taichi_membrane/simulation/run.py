@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from taichi_membrane.output.writer import Writer
     from taichi_membrane.simulation.model import Model
     from taichi_membrane.simulation.results import RunResult, Settings
+    from taichi_membrane.simulation.solver_choice import SolverChoice
 
 
 def run(
@@ -93,7 +94,7 @@ def _carry_out(
 
         active = runtime.start(arch=settings.arch, precision=settings.precision, threads=settings.threads)
         from taichi_membrane.simulation import analysis, probes
-        from taichi_membrane.simulation.equilibrium import solver_kind
+        from taichi_membrane.simulation.solver_choice import chosen_solver
 
         if out is not None and render and not active.on_cpu:
             from taichi_membrane.pictures.driver import check_driver
@@ -102,11 +103,12 @@ def _carry_out(
     from taichi_membrane.simulation.results import RunResult
 
     probes.validate(model)
-    provenance = _provenance(model, active)
+    with clock.phase("setup"):
+        solver = chosen_solver(model)
+        model.structure.prepare(matrix=solver.kind != "relaxation")
+    provenance = _provenance(model, active, solver)
     if saved is not None:
         _refuse_other_bits(saved, provenance)
-    with clock.phase("setup"):
-        model.structure.prepare(matrix=solver_kind(model) != "relaxation")
     writer = _writer(out, model, settings, provenance, saved)
     with clock.phase("compile", "compiling kernels"):
         # Uploads compile a kernel for every type of field, so they belong here too.
@@ -191,9 +193,9 @@ def _ended(saved: SavedRun) -> RunResult:
 def _refuse_other_bits(saved: SavedRun, provenance: dict[str, Any]) -> None:
     """Refuse to go on with what would round otherwise than what there is.
 
-    :raises InputError: other versions, another back end or another precision.
+    :raises InputError: other versions, another back end, precision or solver.
     """
-    for key in ("taichi_membrane", "taichi", "numpy", "scipy", "arch", "precision"):
+    for key in ("taichi_membrane", "taichi", "numpy", "scipy", "arch", "precision", "solver"):
         before, now = saved.provenance.get(key), provenance[key]
         if before != now:
             raise InputError(
@@ -260,7 +262,7 @@ def redraw(directory: Path, *, camera: Camera | None = None, observer: Observer 
     return paths
 
 
-def _provenance(model: Model, active: Runtime) -> dict[str, Any]:
+def _provenance(model: Model, active: Runtime, solver: SolverChoice) -> dict[str, Any]:
     """What really ran, so that a number can be traced."""
     compiled_in, left_out = model.structure.features().describe()
     return {
@@ -272,6 +274,8 @@ def _provenance(model: Model, active: Runtime) -> dict[str, Any]:
         "arch": active.arch,
         "precision": active.precision,
         "threads": active.threads,
+        "solver": solver.kind,
+        "solver_reason": solver.reason,
         "compiled_in": compiled_in,
         "left_out": left_out,
     }
