@@ -92,7 +92,28 @@ def _import_taichi() -> Any:
         import taichi as ti
     except ImportError as error:
         raise InputError(f"Taichi cannot be imported: {error}. On Debian it needs the package libx11-6") from error
+    _remember_positions()
     return ti
+
+
+def _remember_positions() -> None:
+    """Let Taichi write out each source position once.
+
+    For messages that are rarely shown, Taichi 1.7.4 wraps the source text of every node it visits, and of each again wherever it is
+    inlined or unrolled: two fifths of what compiling spends in Python.
+    """
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+
+    written, known = ASTTransformerContext.get_pos_info, dict[tuple[object, ...], str]()
+
+    def get_pos_info(self: Any, node: Any) -> str:
+        function = (self.file, self.func.func.__name__, self.lineno_offset, self.indent)
+        key = (*function, type(node), node.lineno, node.col_offset, node.end_lineno, node.end_col_offset)
+        if key not in known:
+            known[key] = written(self, node)
+        return known[key]
+
+    ASTTransformerContext.get_pos_info = get_pos_info
 
 
 def _refuse_crash(arch: Arch) -> None:
