@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from taichi_membrane.engine import relaxation
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.results import StepResult
@@ -124,3 +125,44 @@ def test_a_path_that_is_not_concave_bounds_no_collapse(bench: Bench) -> None:
     assert (one.verdict, one.why) == (CONVERGED, "")
     assert entry.moved is not None
     assert entry.moved < 1e-3
+
+
+def test_relaxation_takes_no_small_residual_for_equilibrium(bench: Bench) -> None:
+    """A sheet that hardly changes its area: a residual of 1e-6 of the load leaves strains as large as those that it strains by.
+
+    At 1 - ν = 1e-8 the residual is that small after 100 iterations, when nothing is seen of the slow modes yet.
+    """
+    case = catalogue.CASES["poisson"]()
+
+    def problem(level: float) -> Problem:
+        data = case.problem(level)
+        return replace(data, scene={**data.scene, "solver": {"max_iterations": 2000, "max_cuts": 0}})
+
+    short = replace(case, problem=problem)
+    for one in judge(short, [bench.run(short, level, "relaxation") for level in (1e-6, 1e-8)]):
+        assert one.verdict == HONEST, one.why
+        assert re.search(r"displacements may be \S+ % from equilibrium, though the residual is small", one.why)
+
+
+def test_relaxation_goes_on_from_a_state_that_the_energy_refuses_as_if_it_had_not_been_asked(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = catalogue.CASES["burst"]().problem(1.0)
+    work = bench._taken(bench._model(problem, "relaxation"))
+    work.membrane.set_pressures(np.array([1.0]))
+    shares = [4.0 * relaxation._SETTLED_SHARE, 0.0]  # half the residual is asked for, which then is good enough
+    refused: list[float] = []
+
+    def once(*_: object) -> float:
+        refused.append(float(work.relaxation.control[None].residual))
+        return shares.pop(0)
+
+    monkeypatch.setattr(work.relaxation, "_unsettled", once)
+    twice = work.relaxation.solve(tolerance=1e-6, reference=1.0, max_iterations=2000)
+    found = work.membrane.displacement()
+    monkeypatch.undo()
+    work.membrane.set_displacement(np.zeros_like(found))
+    at_once = work.relaxation.solve(tolerance=0.5 * refused[0], reference=1.0, max_iterations=2000)
+    assert (twice.converged, at_once.converged, len(refused)) == (True, True, 2)
+    assert twice.iterations == at_once.iterations + 1  # one was looked at twice
+    assert np.array_equal(work.membrane.displacement(), found)
