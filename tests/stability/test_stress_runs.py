@@ -15,7 +15,7 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.results import StepResult
 from taichi_membrane.simulation.run import run
 from taichi_membrane.stability import catalogue, structures
-from taichi_membrane.stability.case import CONVERGED, HONEST, STABLE_EIGENVALUE, Bench, Problem, judge
+from taichi_membrane.stability.case import CONVERGED, HONEST, STABLE_EIGENVALUE, WRONG, Bench, Problem, judge
 from taichi_membrane.stability.sweep import sweep
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
@@ -166,3 +166,13 @@ def test_relaxation_goes_on_from_a_state_that_the_energy_refuses_as_if_it_had_no
     assert (twice.converged, at_once.converged, len(refused)) == (True, True, 2)
     assert twice.iterations == at_once.iterations + 1  # one was looked at twice
     assert np.array_equal(work.membrane.displacement(), found)
+
+
+def test_the_collapse_that_the_default_solver_tells_holds_the_largest_stable_load(bench: Bench) -> None:
+    case = catalogue.CASES["collapse"]()
+    entry = bench.run(case, 1.06, "hybrid")
+    assert [(one.name, one.target, one.known) for one in entry.brackets] == [("load.tip", 1.06, 1.049836)]
+    (one,) = judge(case, [entry])
+    assert (one.verdict, one.why[:9]) == (HONEST, "collapse:")
+    shifted = [replace(entry.brackets[0], known=known) for known in (1.048, 1.051)]
+    assert {judge(case, [replace(entry, brackets=(other,))])[0].verdict for other in shifted} == {WRONG}
