@@ -53,9 +53,9 @@ def collapse() -> Case:
 
     return Case(
         name="collapse", theme="load", title="Collapse", parameter="load/π p r³ L⁻¹", problem=problem,
-        setting="Tube clamped at one end, L = 12 r, p r/(E t) = 1e-3, its end load in one step. Small steps follow this mesh's path up "
-        "to 1.049836: 1.0488 is 0.999 of it. Beyond, a solver may find the fallen tube, or says that there is nothing; a bracket has "
-        "to hold that value.",
+        setting="Tube clamped at one end, L = 12 r, p r/(E t) = 1e-3, its end load in one step. Small steps follow this "
+        "mesh's path up to 1.049836: 1.0488 is 0.999 of it. Beyond, a solver may find the fallen tube, or says that there is "
+        "nothing; a bracket has to hold that value.",
         levels=(0.5, 0.9, 1.0, 1.04, 1.0488, 1.06, 2.0), more_levels=(10.0, 1000.0),
         against="peers", source=PEERS, bound=0.01, required=1.0,
     )  # fmt: skip

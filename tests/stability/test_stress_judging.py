@@ -212,6 +212,12 @@ def test_picture_shows_each_verdict(tmp_path: Path) -> None:
         assert area([entry(1.0, **changes)], verdict) > in_legend + 200  # a cell is 50 by 30 points
 
 
+def test_verdicts_differ_in_print_without_colours() -> None:
+    colours = [*report._COLOUR.values(), report._NOT_RUN]
+    grey = sorted(Image.new("RGB", (1, 1), colour).convert("L").getpixel((0, 0)) for colour in colours)
+    assert min(np.diff(grey)) > 20, grey
+
+
 @pytest.mark.parametrize(
     ("entries", "known", "code", "words"),
     [
