@@ -176,3 +176,12 @@ def test_the_collapse_that_the_default_solver_tells_holds_the_largest_stable_loa
     assert (one.verdict, one.why[:9]) == (HONEST, "collapse:")
     shifted = [replace(entry.brackets[0], known=known) for known in (1.048, 1.051)]
     assert {judge(case, [replace(entry, brackets=(other,))])[0].verdict for other in shifted} == {WRONG}
+
+
+def test_a_tent_up_to_its_exact_limit_and_beyond(bench: Bench) -> None:
+    """At 0.999 of it every solver finds the exact height; beyond, the far side, or a bracket that holds the limit."""
+    case = catalogue.CASES["snap"]()
+    found = [bench.run(case, level, solver) for level in (0.999, 1.01) for solver in ("hybrid", "relaxation")]
+    assert [one.verdict for one in judge(case, found)] == [CONVERGED, CONVERGED, HONEST, CONVERGED]
+    (bracket,) = found[2].brackets
+    assert bracket.lower < bracket.known == 1.0 < bracket.upper < 1.001
