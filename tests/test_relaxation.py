@@ -195,6 +195,38 @@ def test_the_two_level_sums_of_graphics_devices_find_the_same_state(monkeypatch:
     assert tips[1] == pytest.approx(tips[0], rel=1e-7)  # the residual's tolerance, carried to the tip
 
 
+def test_the_test_of_the_energy_costs_no_iteration_where_the_residual_tells(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Inflated and bent, the beam is as near to equilibrium as its residual says."""
+    scene = CANTILEVER | {"stages": CANTILEVER["stages"][:2], "solver": {"kind": "relaxation"}}
+    found = []
+    for share in (relaxation._SETTLED_SHARE, float("inf")):
+        monkeypatch.setattr(relaxation, "_SETTLED_SHARE", share)
+        found.append([step.iterations for step in solve(**scene).steps])
+    assert found[0] == found[1]
+    assert min(found[0]) > 100
+
+
+def test_prestress_and_an_unloaded_structure_are_equilibrium_without_displacement() -> None:
+    """Where nothing has moved, or all has come back, what is left is compared with what there was, or what the load would make."""
+    panel = {"shape": "panel", "width": 2.0, "height": 1.0, "along_x": 6, "along_y": 4}
+    result = solve(
+        panel,
+        {"E": 10.0, "nu": 0.3, "thickness": 1.0, "prestress": [0.1, 0.05, 0.0]},
+        supports=[{"group": edge, "hold": "xyz"} for edge in ("x_min", "x_max", "y_min", "y_max")],
+        loads={"wind": {"group": "all", "direction": [0.0, 0.0, 0.01], "kind": "area"}},
+        stages=[
+            {"name": name, "loads": {"wind": wind}} for name, wind in (("rest", 0.0), ("blow", 1.0), ("calm", 0.0))
+        ],
+        solver={"kind": "relaxation"},
+    )
+    rest, blow, calm = (np.abs(step.displacement).max() for step in result.steps)
+    assert rest < 1e-12
+    assert blow > 1e-3
+    assert calm < 1e-4 * blow
+    assert result.steps[0].iterations < 5
+    assert result.steps[2].iterations < 5 * result.steps[1].iterations
+
+
 def test_stagnation_is_told_instead_of_iterating_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tolerance below round-off cannot be met; the solver says so long before its limit."""
     monkeypatch.setattr(relaxation, "_STAGNATION", 300)

@@ -66,7 +66,8 @@ class Killer:
                 done += 1
                 self.killed[re.sub(r"[\d/]+:.*| …", "", told[-1]) if told else "starting Python"] += 1
                 command = ("run", "--resume", directory)
-                kept = len(json.loads((folder / "summary.json").read_text("utf-8"))["steps"]) if folder.exists() else 0
+                summary = folder / "summary.json"
+                kept = len(json.loads(summary.read_text("utf-8"))["steps"]) if summary.exists() else 0
                 lines = self.lines + 1 - kept
             elif code == 2 and command[1] == "--resume":
                 assert not (folder / "mesh.vtu").exists(), told  # it was killed before it began

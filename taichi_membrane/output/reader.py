@@ -96,6 +96,14 @@ def read_scene(directory: Path) -> Scene:
     return _scene(directory, _summary(directory))
 
 
+def is_complete(directory: Path) -> bool:
+    """True when the run in a folder has ended and nothing of it is left to do.
+
+    :raises InputError: the folder is not a run of this program, or its summary is damaged.
+    """
+    return bool(_summary(directory).get("complete"))
+
+
 def is_run(directory: Path) -> bool:
     """True when the folder holds the summary of a run of this program."""
     try:

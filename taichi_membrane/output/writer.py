@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.atomic import replacing
+from taichi_membrane.output.lock import LOCK
 from taichi_membrane.output.reader import (
     FABRIC_AXES,
     FORMAT,
@@ -291,7 +292,7 @@ def check_directory(directory: Path) -> None:
         held = [path.name for path in directory.iterdir()] if directory.exists() else []
     except OSError as error:
         raise InputError(f"{directory}: the output folder cannot be read: {error.strerror}") from error
-    foreign = sorted(name for name in held if not re.fullmatch(_TEMPORARY, name))
+    foreign = sorted(name for name in held if name != LOCK and not re.fullmatch(_TEMPORARY, name))
     if foreign and not is_run(directory):
         raise InputError(
             f"{directory}: the output folder holds {foreign[0]!r} ({len(foreign)} files in all) but no {SUMMARY} of an "

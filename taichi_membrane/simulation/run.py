@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -45,17 +46,20 @@ def run(
     :param base: folder that a relative mesh path starts from; the current one when None.
     :param render: draw pictures and the curve (only with ``out``).
     :param repair: mend a mesh file where that is safe; ``RunResult.mesh.mended`` says what was done.
-    :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk. A step
-        that does not converge raises nothing: it ends the run, and ``RunResult.converged`` says so.
+    :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk; another
+        process that writes in ``out``. A step that does not converge raises nothing: it ends the run, and ``RunResult.converged``
+        says so.
     """
     clock = Clock(observer or Silent())
     from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
     from taichi_membrane.simulation.results import Settings
 
-    with clock.phase("setup", "reading the mesh"):
-        mesh = build_mesh(scene, base, repair=repair) if mesh is None else with_scene_groups(scene, mesh)
-        model = build_model(scene, mesh)
-    return _carry_out(model, Settings(arch=arch, precision=precision, threads=threads), clock, out=out, render=render)
+    with _sole_writer(out):
+        with clock.phase("setup", "reading the mesh"):
+            mesh = build_mesh(scene, base, repair=repair) if mesh is None else with_scene_groups(scene, mesh)
+            model = build_model(scene, mesh)
+        settings = Settings(arch=arch, precision=precision, threads=threads)
+        return _carry_out(model, settings, clock, out=out, render=render)
 
 
 def resume(directory: Path, *, render: bool = True, observer: Observer | None = None) -> RunResult:
@@ -67,21 +71,36 @@ def resume(directory: Path, *, render: bool = True, observer: Observer | None = 
     :param directory: the folder of the run.
     :param render: draw pictures and the curve at the end, as in :func:`run`.
     :raises InputError: the folder is not a run of this program, or is damaged; it was begun with other versions or on another back
-        end; a file cannot be written.
+        end; a file cannot be written; another process writes there.
     """
     clock = Clock(observer or Silent())
-    from taichi_membrane.output.reader import read_run
+    from taichi_membrane.output.reader import is_complete, read_run
     from taichi_membrane.simulation.model import build_model
 
-    with clock.phase("setup", "reading the run"):
-        saved = _without_open_path(read_run(Path(directory)))
-        model = build_model(saved.scene, saved.mesh)
-    clock.observer.kept(saved.steps)
-    if saved.complete:
-        return _ended(saved)
-    for phase, seconds in saved.seconds.items():
-        clock.seconds[phase] = clock.seconds.get(phase, 0.0) + seconds
-    return _carry_out(model, saved.settings, clock, out=saved.directory, render=render, saved=saved)
+    with _sole_writer(None if is_complete(Path(directory)) else Path(directory)):
+        with clock.phase("setup", "reading the run"):
+            saved = _without_open_path(read_run(Path(directory)))
+            model = build_model(saved.scene, saved.mesh)
+        clock.observer.kept(saved.steps)
+        if saved.complete:
+            return _ended(saved)
+        for phase, seconds in saved.seconds.items():
+            clock.seconds[phase] = clock.seconds.get(phase, 0.0) + seconds
+        return _carry_out(model, saved.settings, clock, out=saved.directory, render=render, saved=saved)
+
+
+def _sole_writer(out: Path | None) -> AbstractContextManager[None]:
+    """Keeps other runs out of the folder that this one writes in; it is one that a run may write in.
+
+    :raises InputError: another process is at work in it; it holds other files and no run.
+    """
+    if out is None:
+        return nullcontext()
+    from taichi_membrane.output.lock import sole_writer
+    from taichi_membrane.output.writer import check_directory
+
+    check_directory(Path(out))
+    return sole_writer(Path(out))
 
 
 def _carry_out(

@@ -24,6 +24,7 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import Model, build_mesh, build_model, with_scene_groups
 from taichi_membrane.simulation.results import StepResult
+from taichi_membrane.stability.bracket import Bracket, brackets
 
 Floats = NDArray[np.float64]
 Solver = Literal["newton", "hybrid", "relaxation"]
@@ -52,6 +53,7 @@ class Problem:
     :param start: (n, 3) displacements to start from; None for the unstressed shape.
     :param measure: dimensionless numbers of a finished run; one called ``drift`` is reported as such.
     :param exact: what they should be, where that is known.
+    :param collapse: largest stable values, by ``load.NAME`` or ``pressure.NAME``, where they are known: a bracket has to hold them.
     """
 
     scene: Mapping[str, Any]
@@ -59,6 +61,7 @@ class Problem:
     mesh: Mesh | None = None
     start: Floats | None = None
     exact: Mapping[str, float] = field(default_factory=dict)
+    collapse: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +111,7 @@ class Entry:
     :param eigenvalue: largest eigenvalue of M⁻¹ K in that state; None where the tangent is not at hand.
     :param moved: how far Newton, asked for a thousandth of the residual, moves the state: largest change over largest displacement;
         None where it cannot be asked.
+    :param brackets: of the largest stable load, where the run says that there is one.
     """
 
     case: str
@@ -128,6 +132,7 @@ class Entry:
     moved: float | None
     values: dict[str, float]
     exact: dict[str, float]
+    brackets: tuple[Bracket, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,6 +242,7 @@ def _with_findings(entry: Entry, problem: Problem, work: Any, steps: Sequence[St
         strain=float((np.abs(0.5 * (warp + weft)) + half).max()),
         energy=last.energy,
         values=values,
+        brackets=brackets(model.scene, last, problem.collapse),
     )
 
 
@@ -331,6 +337,9 @@ def _what_is_wrong(case: Case, entry: Entry, error: float | None) -> str:
         return (
             f"the fictitious masses do not bound the stiffness: largest eigenvalue of M⁻¹K {entry.eigenvalue:.4g} > 4"
         )
+    for bracket in entry.brackets:
+        if said := bracket.wrong():
+            return said
     if not entry.converged:
         if not entry.reason:
             return "no equilibrium, and no reason given"

@@ -42,21 +42,65 @@ def single_node() -> Case:
 def collapse() -> Case:
     """A slender tube up to its collapse load, and beyond."""
     length, pressure = 12.0, 1e-3
+    largest = 1.049836  # on this mesh, by load steps of 5e-5 and arc length in the last
 
     def problem(level: float) -> Problem:
         scene = structures.beam()
         scene["mesh"] = {"shape": "tube", "radius": 1.0, "length": length, "around": 12, "along": 24}
         scene["loads"] = {"tip": {"group": "end", "direction": [0.0, 0.0, -math.pi * pressure / length]}}
         scene["stages"] = [{"name": "inflate", "pressure": pressure}, {"name": "load", "loads": {"tip": level}}]
-        return Problem(scene=scene, measure=structures.beam_tip)
+        return Problem(scene=scene, measure=structures.beam_tip, collapse={"load.tip": largest})
 
     return Case(
         name="collapse", theme="load", title="Collapse", parameter="load/π p r³ L⁻¹", problem=problem,
-        setting="Tube clamped at one end, L = 12 r, p r/(E t) = 1e-3, its end load in one step. Arc length brackets this mesh's "
-        "collapse between 1.0494 and 1.0499: 1.0485 is 0.999 of it. Beyond, a solver may find the fallen tube, or says that there "
-        "is nothing.",
-        levels=(0.5, 0.9, 1.0, 1.04, 1.0485, 1.06, 2.0), more_levels=(10.0, 1000.0),
+        setting="Tube clamped at one end, L = 12 r, p r/(E t) = 1e-3, its end load in one step. Small steps follow this "
+        "mesh's path up to 1.049836: 1.0488 is 0.999 of it. Beyond, a solver may find the fallen tube, or says that there is "
+        "nothing; a bracket has to hold that value.",
+        levels=(0.5, 0.9, 1.0, 1.04, 1.0488, 1.06, 2.0), more_levels=(10.0, 1000.0),
         against="peers", source=PEERS, bound=0.01, required=1.0,
+    )  # fmt: skip
+
+
+def snap() -> Case:
+    """A shallow six-sided tent whose tip is pushed down, up to where it snaps through, and beyond: one degree of freedom."""
+    sides, rise = 6, 0.1
+    inner = math.cos(math.pi / sides)
+    slant = math.hypot(inner, rise)
+    stiffness = sides * math.sin(math.pi / sides) * slant  # E times the volume of the fabric
+    largest = stiffness * rise**3 / (3.0 * math.sqrt(3.0) * slant**4)
+
+    def height(share: float) -> float:
+        """The tip's height on the stable branch that the load leads to: a root of h (r² - h²) = P, Green's strain."""
+        roots = np.roots([-1.0, 0.0, rise**2, -2.0 * slant**4 / stiffness * share * largest])
+        real = roots[np.abs(roots.imag) < 1e-6 * rise].real
+        return float(real.max() if share <= 1.0 else real.min())
+
+    def problem(level: float) -> Problem:
+        angle = 2.0 * np.pi * np.arange(sides) / sides
+        rim = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(sides)))
+        triangles = np.array([[0, 1 + k, 1 + (k + 1) % sides] for k in range(sides)])
+        mesh = Mesh.build(np.vstack([[0.0, 0.0, rise], rim]), triangles, {"tip": [0], "rim": range(1, 1 + sides)})
+
+        def measure(mesh: Mesh, steps: Sequence[StepResult]) -> dict[str, float]:
+            return {"height": (rise + float(steps[-1].displacement[0, 2])) / rise}
+
+        return Problem(
+            scene={
+                "mesh": structures.GIVEN,
+                "fabric": {"E": 1.0, "nu": 0.0, "thickness": 1.0, "law": "none"},
+                "supports": [{"group": "rim", "hold": "xyz"}, {"group": "tip", "hold": "xy"}],
+                "loads": {"push": {"group": "tip", "direction": [0.0, 0.0, -largest]}},
+                "stages": [{"name": "push", "loads": {"push": level}}],
+            },
+            mesh=mesh, measure=measure, exact={"height": height(level) / rise}, collapse={"load.push": 1.0},
+        )  # fmt: skip
+
+    return Case(
+        name="snap", theme="load", title="Snap-through", parameter="load/largest stable load", problem=problem,
+        setting="Six-sided tent of rise 0.1 R without wrinkling, its tip pushed down in one step; beyond its largest stable load "
+        "it hangs, and a solver finds that or brackets the largest load.",
+        levels=(0.5, 0.9, 0.99, 0.999, 1.01, 2.0), more_levels=(1.001, 10.0), floor=1.0,
+        against="exact", source="P ~ h (r² - h²)", bound=0.01, required=0.999,
     )  # fmt: skip
 
 
@@ -170,4 +214,4 @@ def moment() -> Case:
     )  # fmt: skip
 
 
-CASES = (single_node, collapse, large_steps, failing_pressure, torsion, moment)
+CASES = (single_node, collapse, snap, large_steps, failing_pressure, torsion, moment)

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from taichi_membrane.names import Precision
@@ -35,7 +37,13 @@ SWEEPS: tuple[tuple[Solver, Precision], ...] = (
     ("relaxation", "f32"),
 )
 DEFAULT = SWEEPS[0]
-_COLOUR = {CONVERGED: "#8fcfb6", HONEST: "#f3c66f", WRONG: "#d1495b"}
+_COLOUR = {
+    CONVERGED: "#c4e6d8",
+    HONEST: "#e8a33d",
+    WRONG: "#8c1d2f",
+}  # ever darker: they differ in print without colours, too
+_TEXT = {CONVERGED: INK, HONEST: INK, WRONG: "white"}
+_NOT_RUN = "#f3f4f6"
 _DPI = 130
 _LONGEST_REASON = 160  # characters in a table; the CSV has all
 
@@ -216,11 +224,16 @@ def draw(reports: Sequence[CaseReport], path: Path) -> None:
     panels = figure.subplots(1, len(SWEEPS), sharey=True, squeeze=False)[0]
     for axes, (solver, precision) in zip(panels, SWEEPS, strict=True):
         _draw_panel(axes, reports, solver, precision, widest)
-    panels[0].set_yticks(range(len(reports)), [f"{r.case.title}: {r.case.parameter}" for r in reports])
+    panels[0].set_yticks(range(len(reports)), [_row_name(r.case) for r in reports])
     panels[0].set_ylim(len(reports) - 0.4, -0.6)
+    handles: list[Artist] = [Patch(color=colour, label=word) for word, colour in _COLOUR.items()]
+    handles += [
+        Patch(color=_NOT_RUN, label="not run"),
+        Line2D([], [], color=INK, lw=2.0, label="border of the safe region"),
+    ]
     figure.legend(
-        handles=[Patch(color=colour, label=word) for word, colour in _COLOUR.items()],
-        loc="outside lower center", ncols=3, frameon=False, fontsize=FONT["small"],
+        handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=FONT["small"],
+        title="Each row from benign to extreme; numbers: values of the swept quantity", title_fontsize=FONT["small"],
     )  # fmt: skip
     figure.savefig(path, format="png")
 
@@ -235,16 +248,26 @@ def _draw_panel(axes: Axes, reports: Sequence[CaseReport], solver: str, precisio
     for row, report in enumerate(reports):
         verdicts = {one.entry.level: one.verdict for one in report.sweep(solver, precision)}
         for column, level in enumerate(report.levels):
-            colour = _COLOUR[verdicts[level]] if level in verdicts else "#eceef1"
+            verdict = verdicts.get(level)
+            colour = _NOT_RUN if verdict is None else _COLOUR[verdict]
             axes.add_patch(Rectangle((column + 0.03, row - 0.43), 0.94, 0.86, color=colour, lw=0))
             axes.text(
                 column + 0.5, row, _short(level), ha="center", va="center", fontsize=6.0,
-                color=INK if level in verdicts else GREY,
+                color=GREY if verdict is None else _TEXT[verdict], fontweight="bold" if verdict == WRONG else "normal",
             )  # fmt: skip
+        breaks = report.border(solver, precision).breaks
+        if breaks is not None:
+            edge = report.levels.index(breaks)
+            axes.plot([edge, edge], [row - 0.5, row + 0.5], color=INK, lw=2.0, solid_capstyle="butt")
+
+
+def _row_name(case: Case) -> str:
+    """What a row of the picture is a sweep of."""
+    return case.title if case.title == case.parameter else f"{case.title}: {case.parameter}"
 
 
 def _short(level: float) -> str:
-    """A level in few characters: 1e5 rather than 100000."""
+    """A level in few characters: 1e5 rather than 100000, 1e-4 rather than 0.0001."""
     text = f"{level:.4g}"
     exponent = f"{level:.0e}".replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")
-    return exponent if level >= 1e5 or "e" in text else text
+    return exponent if level >= 1e4 or 0.0 < level < 1e-3 or "e" in text else text

@@ -18,6 +18,7 @@ from taichi_membrane.commands.cli import app
 from taichi_membrane.errors import InputError
 from taichi_membrane.scene import Scene
 from taichi_membrane.stability import catalogue, report
+from taichi_membrane.stability.bracket import Bracket
 from taichi_membrane.stability.case import CONVERGED, HONEST, WRONG, Case, Entry, Problem, border, judge
 
 LEVELS = (1.0, 10.0, 100.0)
@@ -70,6 +71,33 @@ FAILED: dict[str, Any] = {"converged": False, "reason": "no equilibrium found", 
 def test_verdicts(changes: dict[str, Any], verdict: str, why: str) -> None:
     (one,) = judge(made_up(), [entry(**changes)])
     assert one.verdict == verdict
+    assert why in one.why
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "target", "known", "why"),
+    [
+        (1.0, 1.2, 2.0, None, ""),
+        (1.0, 1.0, 2.0, 1.0, ""),
+        (1.2, 1.0, 2.0, None, "between 1.2 and 1, on the way to 2: out of order"),
+        (1.0, 1.2, 2.0, 1.1, ""),
+        (1.0, 1.2, 2.0, 1.200011, ""),  # as near as the residual's tolerance lets it be known
+        (1.0, 1.2, 2.0, 1.200013, "but it is at 1.20001"),
+        (1.0, 1.2, 2.0, 0.99, "between 1 and 1.2, but it is at 0.99"),
+        (1.0, 1.2, 2.0, 1.21, "between 1 and 1.2, but it is at 1.21"),
+        (1.2, 1.0, 0.0, 1.1, ""),  # a pressure that falls
+        (1.0, 1.2, 0.0, 1.1, "out of order"),
+        (1.2, 1.0, 0.0, 1.3, "but it is at 1.3"),
+        (float("nan"), 1.2, 2.0, None, "out of order"),
+        (1.0, float("nan"), 2.0, 1.1, "out of order"),
+    ],
+)
+def test_a_bracket_of_collapse_is_in_order_and_holds_the_collapse(
+    lower: float, upper: float, target: float, known: float | None, why: str
+) -> None:
+    bracket = Bracket(name="load.tip", lower=lower, upper=upper, target=target, known=known)
+    (one,) = judge(made_up(), [entry(**FAILED, brackets=(bracket,))])
+    assert one.verdict == (WRONG if why else HONEST)
     assert why in one.why
 
 
@@ -182,6 +210,12 @@ def test_picture_shows_each_verdict(tmp_path: Path) -> None:
         in_legend = area([], verdict)
         assert in_legend > 0
         assert area([entry(1.0, **changes)], verdict) > in_legend + 200  # a cell is 50 by 30 points
+
+
+def test_verdicts_differ_in_print_without_colours() -> None:
+    colours = [*report._COLOUR.values(), report._NOT_RUN]
+    grey = sorted(Image.new("RGB", (1, 1), colour).convert("L").getpixel((0, 0)) for colour in colours)
+    assert min(np.diff(grey)) > 20, grey
 
 
 @pytest.mark.parametrize(

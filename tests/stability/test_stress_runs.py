@@ -9,12 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from taichi_membrane.engine import relaxation
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.results import StepResult
 from taichi_membrane.simulation.run import run
 from taichi_membrane.stability import catalogue, structures
-from taichi_membrane.stability.case import CONVERGED, HONEST, STABLE_EIGENVALUE, Bench, Problem, judge
+from taichi_membrane.stability.case import CONVERGED, HONEST, STABLE_EIGENVALUE, WRONG, Bench, Problem, judge
 from taichi_membrane.stability.sweep import sweep
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
@@ -124,3 +125,63 @@ def test_a_path_that_is_not_concave_bounds_no_collapse(bench: Bench) -> None:
     assert (one.verdict, one.why) == (CONVERGED, "")
     assert entry.moved is not None
     assert entry.moved < 1e-3
+
+
+def test_relaxation_takes_no_small_residual_for_equilibrium(bench: Bench) -> None:
+    """A sheet that hardly changes its area: a residual of 1e-6 of the load leaves strains as large as those that it strains by.
+
+    At 1 - ν = 1e-8 the residual is that small after 100 iterations, when nothing is seen of the slow modes yet.
+    """
+    case = catalogue.CASES["poisson"]()
+
+    def problem(level: float) -> Problem:
+        data = case.problem(level)
+        return replace(data, scene={**data.scene, "solver": {"max_iterations": 2000, "max_cuts": 0}})
+
+    short = replace(case, problem=problem)
+    for one in judge(short, [bench.run(short, level, "relaxation") for level in (1e-6, 1e-8)]):
+        assert one.verdict == HONEST, one.why
+        assert re.search(r"displacements may be \S+ % from equilibrium, though the residual is small", one.why)
+
+
+def test_relaxation_goes_on_from_a_state_that_the_energy_refuses_as_if_it_had_not_been_asked(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = catalogue.CASES["burst"]().problem(1.0)
+    work = bench._taken(bench._model(problem, "relaxation"))
+    work.membrane.set_pressures(np.array([1.0]))
+    shares = [4.0 * relaxation._SETTLED_SHARE, 0.0]  # half the residual is asked for, which then is good enough
+    refused: list[float] = []
+
+    def once(*_: object) -> float:
+        refused.append(float(work.relaxation.control[None].residual))
+        return shares.pop(0)
+
+    monkeypatch.setattr(work.relaxation, "_unsettled", once)
+    twice = work.relaxation.solve(tolerance=1e-6, reference=1.0, max_iterations=2000)
+    found = work.membrane.displacement()
+    monkeypatch.undo()
+    work.membrane.set_displacement(np.zeros_like(found))
+    at_once = work.relaxation.solve(tolerance=0.5 * refused[0], reference=1.0, max_iterations=2000)
+    assert (twice.converged, at_once.converged, len(refused)) == (True, True, 2)
+    assert twice.iterations == at_once.iterations + 1  # one was looked at twice
+    assert np.array_equal(work.membrane.displacement(), found)
+
+
+def test_the_collapse_that_the_default_solver_tells_holds_the_largest_stable_load(bench: Bench) -> None:
+    case = catalogue.CASES["collapse"]()
+    entry = bench.run(case, 1.06, "hybrid")
+    assert [(one.name, one.target, one.known) for one in entry.brackets] == [("load.tip", 1.06, 1.049836)]
+    (one,) = judge(case, [entry])
+    assert (one.verdict, one.why[:9]) == (HONEST, "collapse:")
+    shifted = [replace(entry.brackets[0], known=known) for known in (1.048, 1.051)]
+    assert {judge(case, [replace(entry, brackets=(other,))])[0].verdict for other in shifted} == {WRONG}
+
+
+def test_a_tent_up_to_its_exact_limit_and_beyond(bench: Bench) -> None:
+    """At 0.999 of it every solver finds the exact height; beyond, the far side, or a bracket that holds the limit."""
+    case = catalogue.CASES["snap"]()
+    found = [bench.run(case, level, solver) for level in (0.999, 1.01) for solver in ("hybrid", "relaxation")]
+    assert [one.verdict for one in judge(case, found)] == [CONVERGED, CONVERGED, HONEST, CONVERGED]
+    (bracket,) = found[2].brackets
+    assert bracket.lower < bracket.known == 1.0 < bracket.upper < 1.001
