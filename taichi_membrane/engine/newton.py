@@ -25,6 +25,7 @@ from taichi_membrane.engine.tangent import Tangent
 # pressures come near: their load stiffness has been seen at -2.3 M.
 _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-8, 2.0
 _SHIFT_FACTOR = 10.0
+_FIRST_SHIFT, _MARGIN, _MODE_ITERATIONS = 1e-8, 2.0, 3
 # Armijo's share of the predicted decrease, and the shortest step tried before the shift is raised.
 _DECREASE, _SHORTEST = 1e-4, 1 / 64
 # Energies agree to this share when round-off alone separates them; the residual then decides.
@@ -51,6 +52,8 @@ class Newton:
         self.definite = True
         self.gas: Gas | None = None
         self._kept: tuple[Floats, Floats, AnyFactor] | None = None
+        self._lowest = 0.0
+        self._mode: Floats | None = None
 
     def compile(self) -> None:
         """Compile the assembly kernels."""
@@ -70,7 +73,7 @@ class Newton:
         :param loads: (node_count, 3) dead nodal forces, for the potential energy.
         """
         started = time.perf_counter()
-        self.shift, self.definite = 0.0, True
+        self.shift, self.definite, self._lowest, self._mode = 0.0, True, 0.0, None
         position = self.membrane.displacement()
         energy = self._settled_energy(loads)
         residual, reason, iteration = np.inf, "iteration limit", 0
@@ -168,22 +171,47 @@ class Newton:
                 factor = at_rest if at_rest.negative == 0 else None
             else:
                 blocks = self.tangent.assemble() if blocks is None else blocks
-                shift = self.shift * self._stiffness_bound() if self.shift > 0.0 else None
-                definite = self.tangent.solver.factorise(blocks, shift)
-                factor = definite if definite is None or self.gas is None else self.gas.coupled(definite)
+                factor = self._shifted(blocks, self.shift)
             if factor is None:
                 self.definite = False
             else:
                 found = self._backtrack(position, energy, force, factor.solve(force), loads)
                 if found is not None:
                     position, energy, fraction = found
+                    if self.shift > 0.0:
+                        position, energy = self._along_soft_mode(factor, position, energy, loads)
                     self._adapt_shift(fraction)
                     return position, energy
             if self.shift >= _LARGEST_SHIFT:
                 break
-            self.shift = min(max(_SMALLEST_SHIFT, _SHIFT_FACTOR * self.shift), _LARGEST_SHIFT)
+            self.shift = min(max(_FIRST_SHIFT, _SHIFT_FACTOR * self.shift), _LARGEST_SHIFT)
         self._return(position)
         return None
+
+    def _shifted(self, blocks: Floats, shift: float) -> AnyFactor | None:
+        """The tangent with a shift, factorised; None where it is not definite."""
+        factor = factorise(
+            self.tangent.elimination, blocks, shift * self._stiffness_bound() if shift > 0.0 else None
+        )
+        return factor if factor is None or self.gas is None else self.gas.coupled(factor)
+
+    def _along_soft_mode(self, factor: AnyFactor, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float]:
+        mode, self._lowest = self._softest(factor, self.shift, _MODE_ITERATIONS)
+        if self._lowest >= 0.0:
+            return position, energy
+        return self._push(position, energy, mode, loads) or (position, energy)
+
+    def _softest(self, factor: AnyFactor, shift: float, iterations: int) -> tuple[Floats, float]:
+        bound = self._stiffness_bound()
+        mode = self._mode if self._mode is not None else np.where(self.free, np.random.default_rng(0).standard_normal(self.free.shape), 0.0)
+        for _ in range(iterations):
+            right = bound * mode
+            mode = factor.solve(right)
+            length = float(np.vdot(mode, bound * mode))
+            value = float(np.vdot(mode, right)) / length - shift
+            mode /= np.sqrt(length)
+        self._mode = mode
+        return mode, value
 
     def _leave_saddle(self, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float] | None:
         """A lower state beside an equilibrium that is unstable; None where the equilibrium is stable (or indifferent).
@@ -196,7 +224,17 @@ class Newton:
         blocks, bound = self.tangent.assemble(), self._stiffness_bound()
         if self.tangent.solver.factorise(blocks, _SMALLEST_SHIFT * bound) is not None:
             return None
-        mode = self._softest_mode(blocks, bound)
+        shift, factor = _SMALLEST_SHIFT, None
+        while shift <= _LARGEST_SHIFT and factor is None:
+            shift *= _SHIFT_FACTOR
+            factor = self._shifted(blocks, shift)
+        if factor is None:
+            return None
+        mode, _ = self._softest(factor, shift, _INVERSE_ITERATIONS)
+        return self._push(position, energy, mode, loads)
+
+    def _push(self, position: Floats, energy: float, mode: Floats, loads: Floats) -> tuple[Floats, float] | None:
+        """The lower state along a mode, either way, as far as the energy keeps falling; None where it rises both ways."""
         step = self.membrane.from_frames(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
         best: tuple[Floats, float] | None = None
         for sign in (1.0, -1.0):
@@ -212,21 +250,6 @@ class Newton:
         self._return(position if best is None else best[0])
         return best
 
-    def _softest_mode(self, blocks: Floats, bound: Floats) -> Floats:
-        """The mode of lowest (negative) curvature, by inverse iteration at a shift that has just become definite."""
-        shift = _SMALLEST_SHIFT
-        factor = None
-        while shift <= _LARGEST_SHIFT and factor is None:
-            shift *= _SHIFT_FACTOR
-            factor = self.tangent.solver.factorise(blocks, shift * bound)
-        # A fixed start: runs repeat bit by bit.
-        mode = np.where(self.free, np.random.default_rng(0).standard_normal(self.free.shape), 0.0)
-        if factor is not None:
-            for _ in range(_INVERSE_ITERATIONS):
-                mode = factor.solve(bound * mode)
-                mode /= np.linalg.norm(mode)
-        return mode
-
     def _stiffness_bound(self) -> Floats:
         """(node_count, 3) twice the fictitious masses at free components, the unit of the shift."""
         return np.where(self.free, 2.0 * self.relaxation.masses()[:, None], 0.0)
@@ -234,7 +257,9 @@ class Newton:
     def _adapt_shift(self, fraction: float) -> None:
         """Withdraw the shift after a full step, raise it after a short one."""
         if fraction == 1.0:
-            self.shift = self.shift / _SHIFT_FACTOR if self.shift > _SMALLEST_SHIFT else 0.0
+            withdrawn = self.shift / _SHIFT_FACTOR if self.shift > _SMALLEST_SHIFT else 0.0
+            needed = -_MARGIN * self._lowest if self.shift > 0.0 and self._lowest < 0.0 else 0.0
+            self.shift = max(withdrawn, needed)
         elif fraction < 0.25 and self.shift > 0.0:
             self.shift = min(self.shift * _SHIFT_FACTOR, _LARGEST_SHIFT)
 
