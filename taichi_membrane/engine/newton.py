@@ -25,7 +25,7 @@ from taichi_membrane.engine.tangent import Tangent
 # pressures come near: their load stiffness has been seen at -2.3 M.
 _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-8, 2.0
 _SHIFT_FACTOR = 10.0
-_FIRST_SHIFT, _MARGIN, _MODE_ITERATIONS = 1e-8, 2.0, 3
+_FIRST_SHIFT, _MARGIN, _MODE_ITERATIONS = 1e-6, 2.0, 3
 # Armijo's share of the predicted decrease, and the shortest step tried before the shift is raised.
 _DECREASE, _SHORTEST = 1e-4, 1 / 64
 # Energies agree to this share when round-off alone separates them; the residual then decides.
@@ -256,11 +256,11 @@ class Newton:
 
     def _adapt_shift(self, fraction: float) -> None:
         """Withdraw the shift after a full step, raise it after a short one."""
-        if fraction == 1.0:
-            withdrawn = self.shift / _SHIFT_FACTOR if self.shift > _SMALLEST_SHIFT else 0.0
-            needed = -_MARGIN * self._lowest if self.shift > 0.0 and self._lowest < 0.0 else 0.0
-            self.shift = max(withdrawn, needed)
-        elif fraction < 0.25 and self.shift > 0.0:
+        if self.shift == 0.0:
+            return
+        if fraction >= 1.0:
+            self.shift = 0.0 if self._lowest > 0.0 else max(self.shift / _SHIFT_FACTOR, -_MARGIN * self._lowest)
+        elif fraction < 0.25:
             self.shift = min(self.shift * _SHIFT_FACTOR, _LARGEST_SHIFT)
 
     def _backtrack(
@@ -278,7 +278,18 @@ class Newton:
             self.membrane.set_displacement(trial)
             reached = self._settled_energy(loads)
             if np.isfinite(reached) and reached <= energy - _DECREASE * fraction * slope + noise:
-                return trial, reached, fraction
+                best = (trial, reached, fraction)
+                gain = (energy - reached) / (fraction * (1 - fraction / 2) * slope)
+                while gain < 0.25 and fraction >= _SHORTEST and energy - reached > noise:
+                    fraction *= 0.5
+                    trial = position + fraction * step
+                    self.membrane.set_displacement(trial)
+                    reached = self._settled_energy(loads)
+                    if not reached < best[1] - noise:
+                        break
+                    best = (trial, reached, fraction)
+                self._return(best[0])
+                return best
             fraction *= 0.5
         self._return(position)
         return None
