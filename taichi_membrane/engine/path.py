@@ -59,10 +59,13 @@ class Path:
     """Follows an equilibrium path in a load factor.
 
     :param apply: sets pressures and loads of the membrane for a load factor; both depend on it linearly.
-    :param reference: 2-norm of the applied forces, to which residuals are compared.
+    :param reference: 2-norm of the forces applied at a load factor, to which residuals there are compared: a membrane that has not
+        taken its shape yet moves far under a thousandth of its load, and a path held to the whole load's tolerance loses itself there.
     """
 
-    def __init__(self, newton: Newton, apply: Callable[[float], None], reference: float, tolerance: float) -> None:
+    def __init__(
+        self, newton: Newton, apply: Callable[[float], None], reference: Callable[[float], float], tolerance: float
+    ) -> None:
         self.newton = newton
         self.membrane = newton.membrane
         self.apply, self.reference, self.tolerance = apply, reference, tolerance
@@ -98,7 +101,7 @@ class Path:
             self.membrane.set_displacement(position)
             self.apply(factor)
             force = self.newton.free_force()
-            residual = float(np.linalg.norm(force)) / self.reference
+            residual = float(np.linalg.norm(force)) / self.reference(factor)
             if residual <= self.tolerance:
                 return self._point(position, factor, advance, iteration, residual), iteration
             lowest = min(lowest, residual)

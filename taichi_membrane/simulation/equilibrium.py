@@ -26,6 +26,9 @@ _DEFAULT_TOLERANCE = {"f64": 1e-6, "f32": 3e-6}
 # Newton's iterations per solve: alone; and in the hybrid, before relaxation takes over for a dose of its iterations.
 _NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
 
+# Along a path residuals are compared with the loads there, which may pass through zero: but with no less than this share of the step's.
+_LEAST_REFERENCE = 1e-3
+
 # How many nodes a step that fails names.
 _WORST_NODES = 3
 
@@ -209,10 +212,11 @@ class Equilibrium:
 
     def path(self, newton: Newton, before: LoadState, after: LoadState) -> Path:
         """The equilibrium path in the share of the way from one load state to another, by arc length."""
+        least = _LEAST_REFERENCE * max(self.reference(before), self.reference(after))
         return Path(
             newton,
             apply=lambda share: self._press(before.toward(after, share)),
-            reference=max(self.reference(before), self.reference(after)),
+            reference=lambda share: max(least, self._applied(before.toward(after, share))),
             tolerance=self.tolerance,
         )
 
@@ -265,11 +269,17 @@ class Equilibrium:
 
     def reference(self, state: LoadState) -> float:
         """Size of the applied loads and of prestress; failing both, of the scene's largest load, or of the support forces."""
-        applied = np.hypot(self.model.reference_load(state.pressures, state.loads), self.membrane.prestress_norm())
+        applied = self._applied(state)
         if applied > 0.0:
-            return float(applied)
+            return applied
         full = max(self.model.reference_load(one.pressures, one.loads) for one in stage_targets(self.model.scene))
         return full or float(np.linalg.norm(self.membrane.out_of_balance())) or 1.0
+
+    def _applied(self, state: LoadState) -> float:
+        """Size of the applied loads and of prestress; 0 where there are none."""
+        return float(
+            np.hypot(self.model.reference_load(state.pressures, state.loads), self.membrane.prestress_norm())
+        )
 
 
 def _between(end: PathEnd, factor: float) -> Floats:
