@@ -216,13 +216,19 @@ class Newton:
     def _leave_saddle(self, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float] | None:
         """A lower state beside an equilibrium that is unstable; None where the equilibrium is stable (or indifferent).
 
-        Where the last steps needed no shift, the tangent was positive definite already. Otherwise the softest mode is found by
-        inverse iteration, and the structure is pushed along it as far as the energy keeps falling.
+        Where the last steps needed no shift, the tangent was positive definite already.
         """
-        if self.shift == 0.0:
-            return None
-        blocks, bound = self.tangent.assemble(), self._stiffness_bound()
-        if self.tangent.solver.factorise(blocks, _SMALLEST_SHIFT * bound) is not None:
+        return None if self.shift == 0.0 else self._pushed_off(position, energy, loads)
+
+    def leave_saddle(self, loads: Floats) -> bool:
+        """Go from the present equilibrium, if it is unstable, to a lower state beside it; False where there is none."""
+        return self._pushed_off(self.membrane.displacement(), self._settled_energy(loads), loads) is not None
+
+    def _pushed_off(self, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float] | None:
+        """The state that a push along the softest mode leads to, as far as the energy falls; None where the tangent is definite."""
+        blocks = self.tangent.assemble()
+        self._mode = None
+        if self._shifted(blocks, _SMALLEST_SHIFT) is not None:
             return None
         shift, factor = _SMALLEST_SHIFT, None
         while shift <= _LARGEST_SHIFT and factor is None:

@@ -29,6 +29,9 @@ _NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
 # Along a path residuals are compared with the loads there, which may pass through zero: but with no less than this share of the step's.
 _LEAST_REFERENCE = 1e-3
 
+# Stable paths that are followed after one another where each branches off the one before.
+_MOST_BRANCHES = 3
+
 # How many nodes a step that fails names.
 _WORST_NODES = 3
 
@@ -244,28 +247,48 @@ class Equilibrium:
                 report(Progress(iteration=point.iterations, residual=point.residual, seconds=0.0))
 
         end = follow(path, start, 1.0, progress)
-        walked = joined(
-            tried,
-            SolveRecord(
-                converged=end.reason == "limit",
-                reason=end.reason,
-                iterations=end.iterations,
-                residual=end.last.residual,
-                seconds=0.0,
-                method="arc length",
-            ),
-        )
+        parts = [tried, _walked(end)]
+        reach = start.length_for(1.0)
+        for _ in range(_MOST_BRANCHES):
+            branch = self._branch(newton, path, end, before, after, reach)
+            if branch is None:
+                break
+            end = follow(path, branch, 1.0, progress)
+            parts.append(_walked(end))
         if end.reason == "target":
             self.membrane.set_displacement(_between(end, 1.0))
             self.apply(after)
-            last = self._newton(newton, after, self.reference(after), _NEWTON_PATIENCE, report)
-            return Outcome(joined(walked, last), 1.0) if last.converged else None
-        if end.reason == "limit" and end.upper is not None:
+            parts.append(self._newton(newton, after, self.reference(after), _NEWTON_PATIENCE, report))
+            return Outcome(joined(*parts), 1.0) if parts[-1].converged else None
+        if end.reason in ("limit", "bifurcation") and end.upper is not None:
             way = float(np.linalg.norm(end.last.position - start.position))
             if found is None or float(np.linalg.norm(found - end.last.position)) > way:
                 self.membrane.set_displacement(end.last.position)
-                return Outcome(walked, end.last.factor, (end.last.factor, end.upper))
-        return None  # a small jump, or a bifurcation: what load control found is the stable branch
+                return Outcome(joined(*parts), end.last.factor, (end.last.factor, end.upper))
+        return None  # a small jump: what load control found is the stable branch
+
+    def _branch(
+        self, newton: Newton, path: Path, end: PathEnd, before: LoadState, after: LoadState, reach: float
+    ) -> PathPoint | None:
+        """The start of a stable path that branches off where this one has lost its stability under rising load; None if there is none.
+
+        :param reach: how far from the last stable point it may be: what lies further off is another shape, behind a collapse.
+        """
+        if end.reason != "bifurcation":
+            return None
+        assert end.beyond is not None
+        factor = end.beyond.factor
+        state = before.toward(after, factor)
+        self.membrane.set_displacement(end.beyond.position)
+        self._press(state)
+        if not newton.leave_saddle(self.model.nodal_loads(state.pressures, state.loads)):
+            return None
+        record = self._newton(newton, state, path.reference(factor), _NEWTON_PATIENCE, None)
+        position = self.membrane.displacement()
+        if not record.converged or float(np.linalg.norm(position - end.last.position)) > reach:
+            return None
+        point = path.start(position, factor)
+        return point if point is not None and point.negative == 0 else None
 
     def reference(self, state: LoadState) -> float:
         """Size of the applied loads and of prestress; failing both, of the scene's largest load, or of the support forces."""
@@ -280,6 +303,18 @@ class Equilibrium:
         return float(
             np.hypot(self.model.reference_load(state.pressures, state.loads), self.membrane.prestress_norm())
         )
+
+
+def _walked(end: PathEnd) -> SolveRecord:
+    """Record of following a path. Where it loses its stability the last point before is an equilibrium that may be kept."""
+    return SolveRecord(
+        converged=end.reason in ("limit", "bifurcation"),
+        reason=end.reason,
+        iterations=end.iterations,
+        residual=end.last.residual,
+        seconds=0.0,
+        method="arc length",
+    )
 
 
 def _between(end: PathEnd, factor: float) -> Floats:
