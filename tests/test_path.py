@@ -28,12 +28,12 @@ def load_at(height: float) -> float:
     return float(E * VOLUME * height * (RISE**2 - height**2) / (2 * SLANT**4))
 
 
-def tent(stages: list[dict[str, Any]], **changes: Any) -> RunResult:
-    """Run the tent through some stages; its tip moves up and down alone."""
+def tent(stages: list[dict[str, Any]], rise: float = RISE, **changes: Any) -> RunResult:
+    """Run the tent through some stages; unless told otherwise its tip moves up and down alone."""
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
     rim = np.stack([RADIUS * np.cos(angle), RADIUS * np.sin(angle), 0 * angle], axis=1)
     triangles = [[0, 1 + k, 1 + (k + 1) % SIDES] for k in range(SIDES)]
-    mesh = Mesh.build(np.vstack([[0.0, 0.0, RISE], rim]), triangles, {"tip": [0], "rim": range(1, 1 + SIDES)})
+    mesh = Mesh.build(np.vstack([[0.0, 0.0, rise], rim]), triangles, {"tip": [0], "rim": range(1, 1 + SIDES)})
     scene = {
         "name": "tent",
         "units": {"length": "mm", "force": "N"},
@@ -81,6 +81,26 @@ def test_collapse_is_found_and_bracketed(kind: str) -> None:
     assert last.loads["push"] == lower
     assert load_at(RISE + last.probes["sink"]) == pytest.approx(lower, rel=1e-5)
     assert "collapse" in last.reason
+
+
+def test_a_steep_tent_collapses_sideways() -> None:
+    """Its tip free, a steep tent tips over before it snaps through: no stable path branches off, so that is the largest load.
+
+    Nothing but symmetry holds the tip in the middle, and load control alone ends far on the other side.
+    """
+    rise = 60.0
+    slant = float(np.hypot(INNER, rise))
+    snap = E * VOLUME * slant / SLANT * rise**3 / (3 * np.sqrt(3) * slant**4)  # with the tip guided
+    stages = [{"name": "push", "steps": 2, "loads": {"push": 1.2 * snap}}]
+    result = tent(stages, rise, supports=[{"group": "rim", "hold": "xyz"}])
+    assert result.outcome == "collapse"
+    last = result.steps[-1]
+    assert last.limit is not None
+    lower, upper = last.limit["load.push"]
+    assert 0.1 * snap < lower < upper < 0.97 * snap
+    assert upper - lower < 1.1e-3 * 0.6 * snap
+    assert last.negative_pivots == 0
+    assert rise + last.probes["sink"] > rise / np.sqrt(3)  # above where the guided tip would snap
 
 
 def test_a_stage_that_is_meant_to_collapse_finishes() -> None:

@@ -31,7 +31,7 @@ _DECREASE, _SHORTEST = 1e-4, 1 / 64
 # Energies agree to this share when round-off alone separates them; the residual then decides.
 _ENERGY_NOISE = 1e-13
 # Away from an unstable equilibrium: the first push, as a share of the shortest side, and how exactly its direction is found.
-_FIRST_PUSH, _INVERSE_ITERATIONS = 1e-3, 12
+_FIRST_PUSH, _INVERSE_ITERATIONS, _DISTURBANCE = 1e-3, 12, 1e-2
 
 
 AnyFactor = Factor | CoupledFactor
@@ -216,28 +216,32 @@ class Newton:
     def _leave_saddle(self, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float] | None:
         """A lower state beside an equilibrium that is unstable; None where the equilibrium is stable (or indifferent).
 
-        Where the last steps needed no shift, the tangent was positive definite already.
+        Where the last steps needed no shift, the tangent was positive definite already. Otherwise the softest mode is found by
+        inverse iteration, and the structure is pushed along it as far as the energy keeps falling.
         """
-        return None if self.shift == 0.0 else self._pushed_off(position, energy, loads)
-
-    def leave_saddle(self, loads: Floats) -> bool:
-        """Go from the present equilibrium, if it is unstable, to a lower state beside it; False where there is none."""
-        return self._pushed_off(self.membrane.displacement(), self._settled_energy(loads), loads) is not None
-
-    def _pushed_off(self, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float] | None:
-        """The state that a push along the softest mode leads to, as far as the energy falls; None where the tangent is definite."""
-        blocks = self.tangent.assemble()
-        self._mode = None
-        if self._shifted(blocks, _SMALLEST_SHIFT) is not None:
+        if self.shift == 0.0 or self._shifted(self.tangent.assemble(), _SMALLEST_SHIFT) is not None:
             return None
-        shift, factor = _SMALLEST_SHIFT, None
-        while shift <= _LARGEST_SHIFT and factor is None:
-            shift *= _SHIFT_FACTOR
+        mode = self._softest_mode()
+        return None if mode is None else self._push(position, energy, mode, loads)
+
+    def disturb(self) -> None:
+        """Move along the softest mode a little, so that what symmetry holds in an unstable equilibrium can leave it."""
+        mode = self._softest_mode()
+        if mode is not None:
+            step = self.membrane.from_frames(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
+            self._return(self.membrane.displacement() + _DISTURBANCE * step)
+
+    def _softest_mode(self) -> Floats | None:
+        """The mode of lowest curvature at the present state, from a shift that has just become definite."""
+        blocks, shift, factor = self.tangent.assemble(), _SMALLEST_SHIFT, None
+        while factor is None and shift <= _LARGEST_SHIFT:
             factor = self._shifted(blocks, shift)
+            if factor is None:
+                shift *= _SHIFT_FACTOR
         if factor is None:
             return None
-        mode, _ = self._softest(factor, shift, _INVERSE_ITERATIONS)
-        return self._push(position, energy, mode, loads)
+        self._mode = None
+        return self._softest(factor, shift, _INVERSE_ITERATIONS)[0]
 
     def _push(self, position: Floats, energy: float, mode: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """The lower state along a mode, either way, as far as the energy keeps falling; None where it rises both ways."""

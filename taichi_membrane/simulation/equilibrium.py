@@ -31,6 +31,8 @@ _LEAST_REFERENCE = 1e-3
 
 # Stable paths that are followed after one another where each branches off the one before.
 _MOST_BRANCHES = 3
+# How far above the point where one branches off it is looked for, as a share of the load step.
+_BEYOND_BRANCHING = 0.01
 
 # How many nodes a step that fails names.
 _WORST_NODES = 3
@@ -277,12 +279,11 @@ class Equilibrium:
         if end.reason != "bifurcation":
             return None
         assert end.beyond is not None
-        factor = end.beyond.factor
+        factor = min(1.0, end.beyond.factor + _BEYOND_BRANCHING)
         state = before.toward(after, factor)
         self.membrane.set_displacement(end.beyond.position)
+        newton.disturb()
         self._press(state)
-        if not newton.leave_saddle(self.model.nodal_loads(state.pressures, state.loads)):
-            return None
         record = self._newton(newton, state, path.reference(factor), _NEWTON_PATIENCE, None)
         position = self.membrane.displacement()
         if not record.converged or float(np.linalg.norm(position - end.last.position)) > reach:
