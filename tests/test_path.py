@@ -103,6 +103,29 @@ def test_a_steep_tent_collapses_sideways() -> None:
     assert rise + last.probes["sink"] > rise / np.sqrt(3)  # above where the guided tip would snap
 
 
+def test_a_stable_branch_is_followed() -> None:
+    """A prestressed sheet of four triangles is pushed together: at 1 N (its prestress along the push) its centre gives way, without collapse.
+
+    The flat path loses its stability there while the load rises; the bulged one beside it is stable, and leads to the load.
+    """
+    scene = {
+        "name": "sheet",
+        "units": {"length": "mm", "force": "N"},
+        "mesh": {"shape": "panel", "width": 10.0, "height": 10.0, "along_x": 1, "along_y": 1, "pattern": "crossed"},
+        "fabric": {"E": 1000.0, "nu": 0.0, "thickness": 0.1, "law": "none", "prestress": [1.0, 1.0, 0.0]},
+        "supports": [{"group": "x_min", "hold": "xyz"}, {"group": "x_max", "hold": "yz"}],
+        "loads": {"push": {"group": "x_max", "direction": [-1.0, 0.0, 0.0]}},
+        "stages": [{"name": "pull", "loads": {"push": -1.0}}, {"name": "push", "steps": 2, "loads": {"push": 4.0}}],
+        "probes": {"bulge": {"kind": "displacement", "group": "centre", "component": "z"}},
+    }
+    result = run(Scene.model_validate(scene))
+    assert result.outcome == "finished"
+    past = result.steps[1]
+    assert past.solver.count("arc length") == 2  # along the flat path, then along the bulged one
+    assert abs(past.probes["bulge"]) > 0.1
+    assert [step.negative_pivots for step in result.steps] == [0, 0, 0]
+
+
 def test_a_stage_that_is_meant_to_collapse_finishes() -> None:
     """The next stage goes on from the limit; a check on the last step done sees the collapse load."""
     stages = [
