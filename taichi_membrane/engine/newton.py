@@ -25,7 +25,10 @@ from taichi_membrane.engine.tangent import Tangent
 # pressures come near: their load stiffness has been seen at -2.3 M.
 _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-8, 2.0
 _SHIFT_FACTOR = 10.0
+# The first shift tried; the next one over the softest mode's negative curvature; inverse iterations for that mode in a step.
 _FIRST_SHIFT, _MARGIN, _MODE_ITERATIONS = 1e-6, 2.0, 3
+# A step that lowers the energy by less than this share of what its quadratic model promises is shortened while that helps.
+_POOR = 0.25
 # Armijo's share of the predicted decrease, and the shortest step tried before the shift is raised.
 _DECREASE, _SHORTEST = 1e-4, 1 / 64
 # Energies agree to this share when round-off alone separates them; the residual then decides.
@@ -190,20 +193,26 @@ class Newton:
 
     def _shifted(self, blocks: Floats, shift: float) -> AnyFactor | None:
         """The tangent with a shift, factorised; None where it is not definite."""
-        factor = factorise(
-            self.tangent.elimination, blocks, shift * self._stiffness_bound() if shift > 0.0 else None
-        )
+        factor = factorise(self.tangent.elimination, blocks, shift * self._stiffness_bound() if shift > 0.0 else None)
         return factor if factor is None or self.gas is None else self.gas.coupled(factor)
 
-    def _along_soft_mode(self, factor: AnyFactor, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float]:
+    def _along_soft_mode(
+        self, factor: AnyFactor, position: Floats, energy: float, loads: Floats
+    ) -> tuple[Floats, float]:
+        """Where the tangent without its shift is indefinite, go on along the softest mode while the energy falls.
+
+        Otherwise the shift lets steps creep along that mode, towards a saddle and away from it.
+        """
         mode, self._lowest = self._softest(factor, self.shift, _MODE_ITERATIONS)
         if self._lowest >= 0.0:
             return position, energy
         return self._push(position, energy, mode, loads) or (position, energy)
 
     def _softest(self, factor: AnyFactor, shift: float, iterations: int) -> tuple[Floats, float]:
-        bound = self._stiffness_bound()
-        mode = self._mode if self._mode is not None else np.where(self.free, np.random.default_rng(0).standard_normal(self.free.shape), 0.0)
+        """The mode of lowest curvature, by inverse iteration from the last one, and that curvature in units of the shift."""
+        bound, mode, value = self._stiffness_bound(), self._mode, 0.0
+        if mode is None:  # a fixed start: runs repeat bit by bit
+            mode = np.where(self.free, np.random.default_rng(0).standard_normal(self.free.shape), 0.0)
         for _ in range(iterations):
             right = bound * mode
             mode = factor.solve(right)
@@ -269,7 +278,8 @@ class Newton:
         if self.shift == 0.0:
             return
         if fraction >= 1.0:
-            self.shift = 0.0 if self._lowest > 0.0 else max(self.shift / _SHIFT_FACTOR, -_MARGIN * self._lowest)
+            withdrawn = self.shift / _SHIFT_FACTOR if self.shift > _SMALLEST_SHIFT else 0.0
+            self.shift = max(withdrawn, -_MARGIN * self._lowest)
         elif fraction < 0.25:
             self.shift = min(self.shift * _SHIFT_FACTOR, _LARGEST_SHIFT)
 
@@ -289,8 +299,8 @@ class Newton:
             reached = self._settled_energy(loads)
             if np.isfinite(reached) and reached <= energy - _DECREASE * fraction * slope + noise:
                 best = (trial, reached, fraction)
-                gain = (energy - reached) / (fraction * (1 - fraction / 2) * slope)
-                while gain < 0.25 and fraction >= _SHORTEST and energy - reached > noise:
+                gain = (energy - reached) / (fraction * (1.0 - 0.5 * fraction) * slope)
+                while gain < _POOR and fraction >= _SHORTEST and energy - reached > noise:
                     fraction *= 0.5
                     trial = position + fraction * step
                     self.membrane.set_displacement(trial)

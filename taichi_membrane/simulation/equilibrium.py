@@ -301,9 +301,7 @@ class Equilibrium:
 
     def _applied(self, state: LoadState) -> float:
         """Size of the applied loads and of prestress; 0 where there are none."""
-        return float(
-            np.hypot(self.model.reference_load(state.pressures, state.loads), self.membrane.prestress_norm())
-        )
+        return float(np.hypot(self.model.reference_load(state.pressures, state.loads), self.membrane.prestress_norm()))
 
 
 def _walked(end: PathEnd) -> SolveRecord:
