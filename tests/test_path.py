@@ -104,7 +104,7 @@ def test_a_steep_tent_collapses_sideways() -> None:
 
 
 def test_a_stable_branch_is_followed() -> None:
-    """A prestressed sheet of four triangles is pushed together: at 1 N (its prestress along the push) its centre gives way, without collapse.
+    """Four prestressed triangles are pushed together: at 1 N, their prestress, the centre gives way, without collapse.
 
     The flat path loses its stability there while the load rises; the bulged one beside it is stable, and leads to the load.
     """

@@ -193,7 +193,7 @@ class Newton:
 
     def _shifted(self, blocks: Floats, shift: float) -> AnyFactor | None:
         """The tangent with a shift, factorised; None where it is not definite."""
-        factor = factorise(self.tangent.elimination, blocks, shift * self._stiffness_bound() if shift > 0.0 else None)
+        factor = self.tangent.solver.factorise(blocks, shift * self._stiffness_bound() if shift > 0.0 else None)
         return factor if factor is None or self.gas is None else self.gas.coupled(factor)
 
     def _along_soft_mode(

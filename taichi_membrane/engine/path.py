@@ -59,8 +59,8 @@ class Path:
     """Follows an equilibrium path in a load factor.
 
     :param apply: sets pressures and loads of the membrane for a load factor; both depend on it linearly.
-    :param reference: 2-norm of the forces applied at a load factor, to which residuals there are compared: a membrane that has not
-        taken its shape yet moves far under a thousandth of its load, and a path held to the whole load's tolerance loses itself there.
+    :param reference: 2-norm of the forces applied at a load factor, to which residuals there are compared: a membrane without
+        its shape yet moves far under a thousandth of its load, and a path held to the whole load's tolerance is lost there.
     """
 
     def __init__(

@@ -26,7 +26,7 @@ _DEFAULT_TOLERANCE = {"f64": 1e-6, "f32": 3e-6}
 # Newton's iterations per solve: alone; and in the hybrid, before relaxation takes over for a dose of its iterations.
 _NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
 
-# Along a path residuals are compared with the loads there, which may pass through zero: but with no less than this share of the step's.
+# Along a path residuals are compared with the loads there, which may pass through zero: with this share of the step's at least.
 _LEAST_REFERENCE = 1e-3
 
 # Stable paths that are followed after one another where each branches off the one before.
@@ -272,7 +272,7 @@ class Equilibrium:
     def _branch(
         self, newton: Newton, path: Path, end: PathEnd, before: LoadState, after: LoadState, reach: float
     ) -> PathPoint | None:
-        """The start of a stable path that branches off where this one has lost its stability under rising load; None if there is none.
+        """The start of a stable path that branches off where this one has lost its stability under rising load, if there is one.
 
         :param reach: how far from the last stable point it may be: what lies further off is another shape, behind a collapse.
         """
