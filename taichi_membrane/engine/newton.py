@@ -55,6 +55,7 @@ class Newton:
         self.definite = True
         self.gas: Gas | None = None
         self._kept: tuple[Floats, Floats, AnyFactor] | None = None
+        self.first_step = 0.0  # length of the last solve's first step without a shift, 0 where that was indefinite
         self._lowest = 0.0
         self._mode: Floats | None = None
 
@@ -76,7 +77,7 @@ class Newton:
         :param loads: (node_count, 3) dead nodal forces, for the potential energy.
         """
         started = time.perf_counter()
-        self.shift, self.definite, self._lowest, self._mode = 0.0, True, 0.0, None
+        self.shift, self.definite, self.first_step, self._lowest, self._mode = 0.0, True, 0.0, 0.0, None
         position = self.membrane.displacement()
         energy = self._settled_energy(loads)
         residual, reason, iteration = np.inf, "iteration limit", 0
@@ -178,7 +179,10 @@ class Newton:
             if factor is None:
                 self.definite = False
             else:
-                found = self._backtrack(position, energy, force, factor.solve(force), loads)
+                direction = factor.solve(force)
+                if self.definite and self.first_step == 0.0:
+                    self.first_step = float(np.linalg.norm(direction))
+                found = self._backtrack(position, energy, force, direction, loads)
                 if found is not None:
                     position, energy, fraction = found
                     if self.shift > 0.0:

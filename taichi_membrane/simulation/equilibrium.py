@@ -34,6 +34,10 @@ _MOST_BRANCHES = 3
 # How far above the point where one branches off it is looked for, as a share of the load step.
 _BEYOND_BRANCHING = 0.01
 
+# A step this many times as long as its first tangent foretells is followed along its path. Load steps of wrinkled tubes up to 0.99 of
+# their collapse were at most 4.1 times as long, those that had passed a limit 10 to 130 times.
+_FAR = 6.0
+
 # How many nodes a step that fails names.
 _WORST_NODES = 3
 
@@ -149,7 +153,8 @@ class Equilibrium:
         start = self.membrane.displacement()
         record = self._solve(after, report, doses=())
         trouble = "" if record.converged else self._trouble()
-        if self.newton is not None and before.motions == after.motions and not (record.converged and record.definite):
+        doubtful = not (record.converged and record.definite) or self._has_jumped(start)
+        if self.newton is not None and before.motions == after.motions and doubtful:
             found = self.membrane.displacement() if record.converged else None
             self.membrane.set_displacement(start)
             outcome = self._along_path(self.newton, before, after, record, found, report)
@@ -164,6 +169,13 @@ class Equilibrium:
         if not record.converged:
             self.membrane.set_displacement(start)
         return Outcome(record, float(record.converged), trouble=trouble)
+
+    def _has_jumped(self, start: Floats) -> bool:
+        """Whether Newton has gone so much further than the tangent at the start foretold that the state may lie beyond a limit."""
+        if self.newton is None:
+            return False
+        way = float(np.linalg.norm(self.membrane.displacement() - start))
+        return way > _FAR * self.newton.first_step
 
     def _trouble(self) -> str:
         """Where the present state, which is no equilibrium, is worst: nodes out of balance and the element strained most."""
