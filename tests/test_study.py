@@ -88,6 +88,16 @@ def test_mesh_patterns_are_sequences_of_their_own_and_mesh_files_are_not() -> No
     assert disc.cases[0].sequence == ""
 
 
+def test_what_changes_with_the_mesh_belongs_to_it() -> None:
+    """A force that depends on the mesh's polygon opens no sequence of its own; one mesh with two thicknesses does."""
+    plan = build_plan(TUBE, ["mesh.around+fabric.thickness=8:1,12:1.1,16:1.2"], reference="extrapolated")
+    assert {case.sequence for case in plan.cases} == {""}
+    assert [case.mesh for case in plan.cases] == ["mesh.around=8", "mesh.around=12", "mesh.around=16"]
+    assert [case.scene.fabric.thickness for case in plan.cases] == [1.0, 1.1, 1.2]  # type: ignore[union-attr]
+    apart = build_plan(TUBE, ["mesh.around+fabric.thickness=8:1,8:2"])
+    assert [case.sequence for case in apart.cases] == ["fabric.thickness=1", "fabric.thickness=2"]
+
+
 def test_fingerprint_follows_what_changes_numbers(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "scenes", tmp_path / "scenes")
     scene, mesh = tmp_path / "scenes" / "disc.toml", tmp_path / "scenes" / "meshes" / "disc.msh"

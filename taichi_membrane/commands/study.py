@@ -21,7 +21,8 @@ def study(
         list[str],
         typer.Option(
             metavar="KEY=V1,V2,...",
-            help="Values of a key of the scene, or of precision, arch, threads. KEY+KEY=V1:W1,V2:W2 changes keys together. "
+            help="Values of a key of the scene, or of precision, arch, threads. KEY+KEY=V1:W1,V2:W2 changes keys together; "
+            "what changes with a key of the mesh belongs to the mesh. "
             "May be repeated: all combinations are run.",
         ),
     ],

@@ -42,12 +42,14 @@ class Case:
     """One combination of settings.
 
     :param varied: key and value, as written, of what changes over the study; ``fixed`` of what was set for all of it.
+    :param tied: keys that change together with one of the mesh, such as forces that depend on its polygon: they belong to the mesh.
     :param tri_count: number of triangles of its mesh.
     :param stage: stage of the load step that is measured; ``step`` its number in the stage, from 1.
     """
 
     path: Path
     varied: Mapping[str, str]
+    tied: frozenset[str]
     fixed: Mapping[str, str]
     scene: Scene
     tri_count: int
@@ -67,7 +69,7 @@ class Case:
     @property
     def label(self) -> str:
         """What tells this case from the others."""
-        return _label(self.varied) or "as it is"
+        return _label(self._untied) or "as it is"
 
     @property
     def mesh(self) -> str:
@@ -77,12 +79,16 @@ class Case:
     @property
     def sequence(self) -> str:
         """The varied settings that change the problem or the pattern of the mesh: cases that differ here have no common limit."""
-        return _label({key: value for key, value in self.varied.items() if _opens_sequence(key, value)})
+        return _label({key: value for key, value in self._untied.items() if _opens_sequence(key, value)})
 
     @property
     def method(self) -> str:
         """The varied settings of how the problem is solved: all but mesh and problem."""
-        return _label({k: v for k, v in self.varied.items() if not (k.startswith("mesh.") or _opens_sequence(k, v))})
+        return _label({k: v for k, v in self._untied.items() if not (k.startswith("mesh.") or _opens_sequence(k, v))})
+
+    @property
+    def _untied(self) -> dict[str, str]:
+        return {key: value for key, value in self.varied.items() if key not in self.tied}
 
     @property
     def size(self) -> float:
@@ -180,9 +186,19 @@ def build_plan(
     if not axes:
         raise InputError("--vary: a study needs at least one key to vary")
     tri_counts: dict[str, int] = {}
-    cases = tuple(_case(path, varied, constant, at, tri_counts) for varied in _grid(axes))
+    tied = frozenset(itertools.chain.from_iterable(map(_tied, axes)))
+    cases = tuple(_case(path, varied, tied, constant, at, tri_counts) for varied in _grid(axes))
     chosen = _probes(cases, probes, reference)
     return Plan(path=path, cases=cases, probes=chosen, reference=_reference(cases, chosen, reference))
+
+
+def _tied(axis: Axis) -> tuple[str, ...]:
+    """The keys of an axis that its mesh decides: none where one mesh comes with different values."""
+    of_mesh = [key.startswith("mesh.") for key in axis.keys]
+    meshes = {tuple(itertools.compress(point, of_mesh)) for point in axis.points}
+    if not any(of_mesh) or len(meshes) < len(axis.points):
+        return ()
+    return tuple(key for key, mesh in zip(axis.keys, of_mesh, strict=True) if not mesh)
 
 
 def _grid(axes: Sequence[Axis]) -> Iterator[dict[str, str]]:
@@ -192,7 +208,12 @@ def _grid(axes: Sequence[Axis]) -> Iterator[dict[str, str]]:
 
 
 def _case(
-    path: Path, varied: dict[str, str], fixed: dict[str, str], at: str | None, tri_counts: dict[str, int]
+    path: Path,
+    varied: dict[str, str],
+    tied: frozenset[str],
+    fixed: dict[str, str],
+    at: str | None,
+    tri_counts: dict[str, int],
 ) -> Case:
     """Validate one combination; meshes that were counted before are not built again."""
     settings = {**fixed, **varied}
@@ -207,7 +228,9 @@ def _case(
             raise InputError(f"{path} with {' '.join(overrides)}: {error}") from error
         tri_counts[key] = model.structure.mesh.tri_count
     stage, step = _load_step(scene, at)
-    return Case(path=path, varied=varied, fixed=fixed, scene=scene, tri_count=tri_counts[key], stage=stage, step=step)
+    return Case(
+        path=path, varied=varied, tied=tied, fixed=fixed, scene=scene, tri_count=tri_counts[key], stage=stage, step=step
+    )
 
 
 def _check_run_settings(settings: Mapping[str, str]) -> None:
