@@ -127,6 +127,18 @@ def test_a_path_that_is_not_concave_bounds_no_collapse(bench: Bench) -> None:
     assert entry.moved < 1e-3
 
 
+def test_a_jump_beyond_a_limit_is_told_as_collapse(bench: Bench) -> None:
+    """Past the largest moment, where Newton reaches the fallen beam without meeting an indefinite tangent on its way."""
+    case = catalogue.CASES["moment"]()
+    entry = bench.run(case, 0.9, "hybrid")
+    (one,) = judge(case, [entry])
+    assert one.verdict == HONEST
+    found = re.search(r"load\.pull between (\S+) and (\S+),", one.why)
+    assert found, one.why
+    # Small steps follow the path to 0.86700.
+    assert 0.86700 * (1.0 - 1e-3) < float(found[1]) < float(found[2]) < 0.86700 * (1.0 + 1e-3)
+
+
 def test_relaxation_takes_no_small_residual_for_equilibrium(bench: Bench) -> None:
     """A sheet that hardly changes its area: a residual of 1e-6 of the load leaves strains as large as those that it strains by.
 
