@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from taichi_membrane.scene.file import load_scene
+from taichi_membrane.simulation.run import run
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -145,3 +146,16 @@ def test_arch_wrinkles_near_the_seeds_600_newtons_under_a_patch_on_stiff_fabric(
         assert max(abs(step.probes["hinge"]) for step in result.steps) < 0.01
     assert onsets["ring"] > 871.3
     assert 500.0 < onsets["patch_stiff"] < 650.0
+
+
+@pytest.mark.usefixtures("runtime_cpu")
+def test_a_coarse_arch_inflates_from_almost_no_pressure() -> None:
+    """No path is lost at first, where the loads are a thousandth of the step's and feet that do not fit the polygon pull at the hinges:
+    that was once told as collapse at 2.44 Pa."""
+    scene = load_scene(
+        ROOT / "scenes" / "seed_arch_ring.toml",
+        ["mesh.around=12", "mesh.along=48", "solver.tolerance=1e-5", "checks=[]"],
+    )
+    result = run(scene.model_copy(update={"stages": scene.stages[:1], "curve": None}))
+    assert (result.outcome, [step.converged for step in result.steps]) == ("finished", [True])
+    assert result.steps[0].probes["deflection"] == pytest.approx(0.0178, abs=0.006)
