@@ -150,8 +150,10 @@ def test_arch_wrinkles_near_the_seeds_600_newtons_under_a_patch_on_stiff_fabric(
 
 @pytest.mark.usefixtures("runtime_cpu")
 def test_a_coarse_arch_inflates_from_almost_no_pressure() -> None:
-    """No path is lost at first, where the loads are a thousandth of the step's and feet that do not fit the polygon pull at the hinges:
-    that was once told as collapse at 2.44 Pa."""
+    """No path is lost at first, where loads are a thousandth of the step's and feet that do not fit the polygon pull at the hinges.
+
+    That was once told as collapse at 2.44 Pa.
+    """
     scene = load_scene(
         ROOT / "scenes" / "seed_arch_ring.toml",
         ["mesh.around=12", "mesh.along=48", "solver.tolerance=1e-5", "checks=[]"],
