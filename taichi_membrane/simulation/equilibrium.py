@@ -38,6 +38,9 @@ _BEYOND_BRANCHING = 0.01
 # of their collapse were at most 4.1 times as long, those that had passed a limit 10 to 130 times.
 _FAR = 6.0
 
+# A jump beyond a limit by less than this share of the way to it is a snap of the wrinkled mesh and no collapse.
+_SNAP = 0.5
+
 # How many nodes a step that fails names.
 _WORST_NODES = 3
 
@@ -276,7 +279,7 @@ class Equilibrium:
             return Outcome(joined(*parts), 1.0) if parts[-1].converged else None
         if end.reason in ("limit", "bifurcation") and end.upper is not None:
             way = float(np.linalg.norm(end.last.position - start.position))
-            if found is None or float(np.linalg.norm(found - end.last.position)) > way:
+            if found is None or float(np.linalg.norm(found - end.last.position)) > _SNAP * way:
                 self.membrane.set_displacement(end.last.position)
                 return Outcome(joined(*parts), end.last.factor, (end.last.factor, end.upper))
         return None  # a small jump: what load control found is the stable branch
