@@ -24,7 +24,8 @@ study cushion --vary mesh.along_x+mesh.along_y=8:8,16:16,32:32 --vary solver.kin
 # The seed's arch under a load round its crown, half way to its first wrinkle. The forces on the feet are p A of each tube's polygon.
 feet=stages.inflate.loads.foot_start+stages.inflate.loads.foot_end+stages.load.loads.foot_start+stages.load.loads.foot_end
 study seed_arch_ring --vary "mesh.around+mesh.along+$feet=12:48:-4800:-4800:-4550:-4550,\
-16:64:-4898.35:-4898.35:-4648.35:-4648.35,24:96:-4969.326:-4969.326:-4719.326:-4719.326" --vary solver.kind=hybrid,relaxation \
+16:64:-4898.35:-4898.35:-4648.35:-4648.35,24:96:-4969.326:-4969.326:-4719.326:-4719.326,\
+32:128:-4994.312:-4994.312:-4744.312:-4744.312" --vary solver.kind=hybrid,relaxation \
     --vary solver.tolerance=1e-5 --set stages.load.steps=2 --set stages.load.loads.crown=500 --set 'checks=[]' \
     --probe deflection --reference extrapolated --budget 30
 
