@@ -121,7 +121,9 @@ def solver_case(case: dict[str, Any]) -> dict[str, Any]:
         solver = Multifrontal(elimination)
         order = time.perf_counter() - began
         seconds = []
-        for _ in range(3):  # the first one touches fresh memory, which later ones take over from factors that are no more
+        for _ in range(
+            3
+        ):  # the first one touches fresh memory, which later ones take over from factors that are no more
             factor = None
             began = time.perf_counter()
             factor = solver.factorise(blocks)

@@ -1,7 +1,8 @@
-"""BLAS and LAPACK on parts of arrays: in place, by address, and without Python's lock, so that threads work side by side.
+"""BLAS and LAPACK on parts of arrays: in place, by address, and where wanted without Python's lock.
 
-SciPy's wrappers copy what is not contiguous, cost more than the work on small matrices, and hold the lock. These are the same
-routines, at the addresses that SciPy exports for Cython. Every argument is an address; numbers of rows are 32-bit integers.
+SciPy's wrappers copy what is not contiguous, cost more than the work on small matrices, and hold the lock, so that no two threads
+work side by side. These are the same routines, at the addresses that SciPy exports for Cython. Every argument is an address;
+numbers of rows are 32-bit integers.
 """
 
 from __future__ import annotations
@@ -52,9 +53,8 @@ locked, unlocked = Routines(release=False), Routines(release=True)
 
 _letters = np.frombuffer(b"LRNT", dtype=np.uint8).copy()
 LOWER, RIGHT, NO, TRANSPOSED = (_letters.ctypes.data + k for k in range(4))
-LEFT = LOWER
-_numbers = np.array([0.0, 1.0, -1.0])
-ZERO, ONE, MINUS = (_numbers.ctypes.data + 8 * k for k in range(3))
+_numbers = np.array([1.0, -1.0])
+ONE, MINUS = (_numbers.ctypes.data + 8 * k for k in range(2))
 _step = np.ones(1, dtype=np.int32)
 STEP = _step.ctypes.data
 

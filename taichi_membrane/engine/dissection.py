@@ -26,13 +26,11 @@ class Dissection:
     :param order: (node_count,) node numbers as they are eliminated.
     :param start: (front_count + 1,) where each front's nodes begin in ``order``.
     :param parent: (front_count,) number of the front that each one is condensed into, -1 for none.
-    :param depth: (front_count,) number of its ancestors.
     """
 
     order: NDArray[np.int64]
     start: NDArray[np.int64]
     parent: NDArray[np.int64]
-    depth: NDArray[np.int64]
 
     @cached_property
     def place(self) -> NDArray[np.int64]:
@@ -40,6 +38,14 @@ class Dissection:
         place = np.empty_like(self.order)
         place[self.order] = np.arange(len(self.order))
         return place
+
+    @cached_property
+    def depth(self) -> NDArray[np.int64]:
+        """(front_count,) number of each front's ancestors."""
+        depth = np.zeros_like(self.parent)
+        for front, above in reversed(list(enumerate(self.parent.tolist()))):
+            depth[front] = depth[above] + 1 if above >= 0 else 0
+        return depth
 
 
 def dissect(points: Floats, edges: Ints) -> Dissection:
@@ -61,11 +67,7 @@ def dissect(points: Floats, edges: Ints) -> Dissection:
     # Within a front, by piece: the nodes that a child shares with its parent then come in few unbroken runs.
     order = np.lexsort((piece, front_of))
     start = np.concatenate([[0], np.cumsum(np.bincount(front_of, minlength=len(fronts)))])
-    parent = _parents(fronts[after])
-    depth = np.zeros(len(parent), dtype=np.int64)
-    for front, above in reversed(list(enumerate(parent.tolist()))):
-        depth[front] = depth[above] + 1 if above >= 0 else 0
-    return Dissection(order=order, start=start, parent=parent, depth=depth)
+    return Dissection(order=order, start=start, parent=_parents(fronts[after]))
 
 
 def _halve(points: Floats, edges: Ints) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -34,8 +34,8 @@ _MOST_BRANCHES = 3
 # How far above the point where one branches off it is looked for, as a share of the load step.
 _BEYOND_BRANCHING = 0.01
 
-# A step this many times as long as its first tangent foretells is followed along its path. Load steps of wrinkled tubes up to 0.99
-# of their collapse were at most 4.1 times as long, those that had passed a limit 10 to 130 times.
+# A step this many times as long as its first tangent foretells is followed along its path. Load steps of wrinkled tubes that
+# stayed on theirs were at most 4.1 times as long (up to 18 where the pressure fell), those that had passed a limit 10 to 180 times.
 _FAR = 6.0
 
 # A jump beyond a limit by less than this share of the way to it is a snap of the wrinkled mesh and no collapse.
