@@ -56,7 +56,7 @@ def compiled_bound(folder: Path) -> ctypes.CDLL | None:
 
 def c_iterations(bound: ctypes.CDLL, work: Any) -> Callable[[int], None]:
     """A function that runs that many iterations of the C loop on the arrays of an analysis."""
-    from taichi_membrane.engine.preparation import gather_lists
+    from taichi_membrane.mechanics.preparation import gather_lists
 
     membrane = work.membrane
     mesh, fabric = membrane.structure.mesh, membrane.structure.fabrics[0]
@@ -89,7 +89,7 @@ def build(overrides: dict[str, Any], *, precision: str, threads: int) -> tuple[A
     """An analysis of the cantilever with some keys changed, seconds of set-up and seconds of compilation."""
     import tomllib
 
-    from taichi_membrane.engine import runtime
+    from taichi_membrane.device import runtime
     from taichi_membrane.scene import Scene
     from taichi_membrane.simulation.model import build_mesh, build_model
 

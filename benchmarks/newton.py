@@ -112,8 +112,8 @@ def solver_case(case: dict[str, Any]) -> dict[str, Any]:
     force[~newton.free] = 0.0
     blocks = newton.tangent.assemble()
     if case["solver_name"] == "multifrontal":
-        from taichi_membrane.engine.elimination import eliminate
-        from taichi_membrane.engine.multifrontal import Multifrontal
+        from taichi_membrane.algebra.elimination import eliminate
+        from taichi_membrane.algebra.multifrontal import Multifrontal
 
         began = time.perf_counter()
         elimination = eliminate(points, membrane.structure.mesh.edges())

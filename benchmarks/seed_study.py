@@ -28,10 +28,10 @@ from seed_theory import (
     flattening,
 )
 
+from taichi_membrane.execution.run import run
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.file import load_scene
 from taichi_membrane.simulation.results import RunResult, StepResult
-from taichi_membrane.simulation.run import run
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes"
 

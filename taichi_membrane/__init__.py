@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from taichi_membrane.errors import InputError
+    from taichi_membrane.execution.run import resume, run
     from taichi_membrane.mesh import Mesh
     from taichi_membrane.scene import Scene
     from taichi_membrane.scene.file import load_scene
     from taichi_membrane.simulation.results import RunResult
-    from taichi_membrane.simulation.run import resume, run
 
 # Where each public name lives; looked up on first use, so that the command line starts before NumPy and SciPy are needed.
 _HOME = {

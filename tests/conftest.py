@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from taichi_membrane.engine import runtime
+from taichi_membrane.device import runtime
 
 
 @pytest.fixture(scope="session")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from test_path import LIMIT, RISE, SLANT, VOLUME, E, tent
 
-from taichi_membrane.engine.record import SolveRecord
+from taichi_membrane.execution.run import run
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.analysis import Analysis
 from taichi_membrane.simulation.load_state import Course, LoadState
 from taichi_membrane.simulation.model import build_mesh, build_model
-from taichi_membrane.simulation.run import run
+from taichi_membrane.solvers.record import SolveRecord
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

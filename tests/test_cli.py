@@ -16,12 +16,12 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from taichi_membrane.commands.cli import app
-from taichi_membrane.engine.runtime import Runtime
+from taichi_membrane.device.runtime import Runtime
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.file import load_scene, shipped_scenes
 
-RUN = importlib.import_module("taichi_membrane.simulation.run")  # the package's attribute of that name is the function
+RUN = importlib.import_module("taichi_membrane.execution.run")  # the package's attribute of that name is the function
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = """
 name = "ball"

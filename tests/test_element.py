@@ -9,10 +9,10 @@ import oracle
 import pytest
 from oracle import Floats, Ints
 
-from taichi_membrane.engine.membrane import Membrane
-from taichi_membrane.engine.preparation import FabricConstants
-from taichi_membrane.engine.runtime import Runtime
-from taichi_membrane.engine.structure import Structure
+from taichi_membrane.device.runtime import Runtime
+from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.mechanics.preparation import FabricConstants
+from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SideStrain, WrinklingLaw
 

@@ -10,8 +10,8 @@ import pytest
 import taichi as ti
 from oracle import SLACK, TAUT, WRINKLED, Floats
 
-from taichi_membrane.engine import fabric
-from taichi_membrane.engine.preparation import FabricConstants
+from taichi_membrane.mechanics import fabric
+from taichi_membrane.mechanics.preparation import FabricConstants
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

@@ -9,12 +9,12 @@ import pytest
 from scipy.optimize import brentq
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.execution.run import run
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.analysis import Analysis
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import build_mesh, build_model
 from taichi_membrane.simulation.results import RunResult
-from taichi_membrane.simulation.run import run
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

@@ -15,15 +15,15 @@ import taichi as ti
 from oracle import Floats
 from test_element import KINDS, Body, joined, moduli_of, orthotropic
 
-from taichi_membrane.engine import element, fabric, preparation
-from taichi_membrane.engine.membrane import Membrane
-from taichi_membrane.engine.preparation import FabricConstants
-from taichi_membrane.engine.relaxation import Relaxation
-from taichi_membrane.engine.structure import Structure
 from taichi_membrane.errors import InputError
+from taichi_membrane.mechanics import element, fabric, preparation
+from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.mechanics.preparation import FabricConstants
+from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation import model
+from taichi_membrane.solvers.relaxation import Relaxation
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
@@ -382,7 +382,7 @@ def small_strain_stress() -> Floats:
 SINGLE = """
 import sys
 import numpy as np
-from taichi_membrane.engine import runtime
+from taichi_membrane.device import runtime
 runtime.start(arch="cpu", precision="f32")
 sys.path.insert(0, sys.argv[1])
 import test_membrane

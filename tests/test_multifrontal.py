@@ -9,10 +9,10 @@ import pytest
 from scipy.linalg import lapack
 
 from taichi_membrane import shapes
-from taichi_membrane.engine import elimination as elimination_module
-from taichi_membrane.engine import multifrontal
-from taichi_membrane.engine.elimination import Elimination, eliminate
-from taichi_membrane.engine.multifrontal import Multifrontal
+from taichi_membrane.algebra import elimination as elimination_module
+from taichi_membrane.algebra import multifrontal
+from taichi_membrane.algebra.elimination import Elimination, eliminate
+from taichi_membrane.algebra.multifrontal import Multifrontal
 from taichi_membrane.mesh import Mesh
 
 

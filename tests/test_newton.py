@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from taichi_membrane import shapes
-from taichi_membrane.engine.membrane import Membrane
-from taichi_membrane.engine.newton import Newton
-from taichi_membrane.engine.preparation import FabricConstants, nodal_pressure
-from taichi_membrane.engine.relaxation import Relaxation
-from taichi_membrane.engine.structure import Structure
-from taichi_membrane.engine.tangent import Tangent
 from taichi_membrane.errors import InputError
+from taichi_membrane.execution.run import run
+from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.mechanics.preparation import FabricConstants, nodal_pressure
+from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
-from taichi_membrane.simulation.run import run
+from taichi_membrane.solvers.newton import Newton
+from taichi_membrane.solvers.relaxation import Relaxation
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

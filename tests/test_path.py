@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.execution.run import run
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.results import RunResult
-from taichi_membrane.simulation.run import run
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

@@ -150,7 +150,7 @@ def test_a_missing_back_end_is_an_error_that_names_the_others(missing: str) -> N
     # Without its list of vendors EGL offers nothing; with Mesa's EGL but no driver below it Taichi crashes.
     hidden |= {"LIBGL_DRIVERS_PATH": "/nowhere"} if driver else {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"}
     program = (
-        "import sys\nfrom taichi_membrane.engine import runtime\nfrom taichi_membrane.errors import InputError\n"
+        "import sys\nfrom taichi_membrane.device import runtime\nfrom taichi_membrane.errors import InputError\n"
         "try:\n    print('RUNS', runtime.start(arch=sys.argv[1], precision='f32'))\n"
         "except InputError as error:\n    print(error)\n"
     )

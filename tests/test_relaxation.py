@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_membrane.engine import relaxation
-from taichi_membrane.engine.runtime import Runtime
+from taichi_membrane.device.runtime import Runtime
+from taichi_membrane.execution.run import run
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.results import RunResult
-from taichi_membrane.simulation.run import run
+from taichi_membrane.solvers import relaxation
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

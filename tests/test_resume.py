@@ -20,12 +20,12 @@ from typer.testing import CliRunner, Result
 
 import taichi_membrane as tm
 from taichi_membrane.commands.cli import app
-from taichi_membrane.engine import runtime
-from taichi_membrane.engine.runtime import Runtime
+from taichi_membrane.device import runtime
+from taichi_membrane.device.runtime import Runtime
+from taichi_membrane.execution.observer import Observer, Silent
 from taichi_membrane.output import atomic
 from taichi_membrane.output.reader import read_run, summary_checksum
 from taichi_membrane.scene import GivenMesh
-from taichi_membrane.simulation.observer import Observer, Silent
 from taichi_membrane.simulation.results import StepResult
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -70,7 +70,7 @@ from pathlib import Path
 import numpy as np
 from run_files import same
 from dataclasses import replace
-from taichi_membrane.engine import runtime
+from taichi_membrane.device import runtime
 from taichi_membrane.scene.file import load_scene
 from taichi_membrane.simulation.model import build_mesh, build_model
 runtime.start(precision=sys.argv[2])
@@ -353,7 +353,7 @@ def test_ctrl_c_counts_the_steps_that_were_there_before(run: Path, monkeypatch: 
         observer.kept(read_run(directory).steps)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys.modules["taichi_membrane.simulation.run"], "resume", interrupted)
+    monkeypatch.setattr(sys.modules["taichi_membrane.execution.run"], "resume", interrupted)
     done = call("run", "--resume", str(run))
     assert (done.exit_code, done.stdout) == (130, "")
     assert done.stderr == f"5 of 5 load steps are there already\ninterrupted: 5 load steps are kept in {run}\n"

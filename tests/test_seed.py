@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from taichi_membrane.execution.run import run
 from taichi_membrane.scene.file import load_scene
-from taichi_membrane.simulation.run import run
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.execution.run import run
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.model import Model, build_mesh, build_model
-from taichi_membrane.simulation.run import run
 from taichi_membrane.simulation.solver_choice import SolverChoice, chosen_solver
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")

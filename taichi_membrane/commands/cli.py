@@ -24,8 +24,8 @@ from taichi_membrane.names import Arch, Precision
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from taichi_membrane.execution.observer import Observer
     from taichi_membrane.scene import Camera, Scene
-    from taichi_membrane.simulation.observer import Observer
     from taichi_membrane.simulation.results import RunResult
 
 # Modules that take long to import (NumPy, pydantic, rich) are imported by the commands that need them: help is instant.
@@ -126,9 +126,9 @@ def run(
         return
     if scene is None:
         raise typer.BadParameter("a scene, or --resume DIR", ctx=context, param_hint="SCENE")
+    from taichi_membrane.execution.run import run as run_scene
     from taichi_membrane.output.writer import check_directory
     from taichi_membrane.scene import file as scene_file
-    from taichi_membrane.simulation.run import run as run_scene
 
     path = scene_file.resolve_scene(scene)
     model = scene_file.load_scene(path, overrides or ())
@@ -154,8 +154,8 @@ def run(
 
 def _go_on(context: typer.Context, directory: Path, render: bool, quiet: bool) -> None:
     """The command ``run --resume``."""
+    from taichi_membrane.execution.run import resume as resume_run
     from taichi_membrane.output.reader import read_scene
-    from taichi_membrane.simulation.run import resume as resume_run
 
     allowed = ("--resume", "--render", "--quiet")
     sources = {one.opts[0]: context.get_parameter_source(str(one.name)) for one in context.command.params}
@@ -207,8 +207,8 @@ def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, q
 def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOption = False) -> None:
     """Validate a scene and its mesh; run nothing."""
     from taichi_membrane.commands import report
+    from taichi_membrane.execution.run import summarise
     from taichi_membrane.scene import file as scene_file
-    from taichi_membrane.simulation.run import summarise
 
     path = scene_file.resolve_scene(scene)
     loaded = scene_file.load_scene(path, overrides or ())
@@ -241,8 +241,8 @@ def render(
     """
     from taichi_membrane.commands import report
     from taichi_membrane.commands.progress import ProgressView
+    from taichi_membrane.execution.run import redraw
     from taichi_membrane.output.reader import read_scene
-    from taichi_membrane.simulation.run import redraw
 
     scene = read_scene(directory)
     asked = {

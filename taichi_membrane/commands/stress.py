@@ -7,9 +7,9 @@ from pathlib import Path
 
 import typer
 
-from taichi_membrane.stability import catalogue, report
-from taichi_membrane.stability.case import CONVERGED, Entry, judge
-from taichi_membrane.stability.sweep import run_all
+from taichi_membrane.assurance.stability import catalogue, report
+from taichi_membrane.assurance.stability.case import CONVERGED, Entry, judge
+from taichi_membrane.assurance.stability.sweep import run_all
 
 UNSAFE = 1  # the exit code of a failing check too
 

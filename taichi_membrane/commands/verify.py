@@ -6,8 +6,8 @@ from pathlib import Path
 
 import typer
 
-from taichi_membrane.verification import catalogue, report
-from taichi_membrane.verification.case import CaseResult, run_case
+from taichi_membrane.assurance.verification import catalogue, report
+from taichi_membrane.assurance.verification.case import CaseResult, run_case
 
 CASE_FAILS = 1  # the exit code of a failing check too
 

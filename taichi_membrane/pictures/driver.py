@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from taichi_membrane.engine import runtime
+from taichi_membrane.device import runtime
 from taichi_membrane.errors import InputError
 from taichi_membrane.pictures.raster import Raster
 

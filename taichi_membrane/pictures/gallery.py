@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_membrane.engine.preparation import Floats
+from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve, Scene

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import taichi as ti
 from numpy.typing import NDArray
+
+from taichi_membrane.device.language import ti
 
 if TYPE_CHECKING:  # a checker sees no types in calls
     F1 = Any

@@ -94,7 +94,7 @@ class WedgeShape(Model):
 
 
 class GivenMesh(Model):
-    """The mesh is handed to :func:`taichi_membrane.simulation.run` as an object."""
+    """The mesh is handed to :func:`taichi_membrane.execution.run` as an object."""
 
     shape: Literal["given"]
 

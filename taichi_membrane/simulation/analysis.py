@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from taichi_membrane.engine.path import PathPoint
-from taichi_membrane.engine.record import Progress, SolveRecord
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
 from taichi_membrane.simulation.equilibrium import Equilibrium, Report
@@ -15,6 +13,8 @@ from taichi_membrane.simulation.load_state import Course, LoadState, stage_targe
 from taichi_membrane.simulation.measure import Measure
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import StepResult
+from taichi_membrane.solvers.path import PathPoint
+from taichi_membrane.solvers.record import Progress, SolveRecord
 
 ProgressCallback = Callable[[str, int, int, Progress], None]
 

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taichi_membrane.engine import runtime
-from taichi_membrane.engine.gas import Chamber, Gas
-from taichi_membrane.engine.membrane import Membrane
-from taichi_membrane.engine.newton import Newton
-from taichi_membrane.engine.path import Path, PathEnd, PathPoint, follow
-from taichi_membrane.engine.preparation import Floats
-from taichi_membrane.engine.record import Progress, SolveRecord
-from taichi_membrane.engine.relaxation import Relaxation
+from taichi_membrane.device import runtime
+from taichi_membrane.mechanics.gas import Chamber, Gas
+from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.solver_choice import chosen_solver
+from taichi_membrane.solvers.newton import Newton
+from taichi_membrane.solvers.path import Path, PathEnd, PathPoint, follow
+from taichi_membrane.solvers.record import Progress, SolveRecord
+from taichi_membrane.solvers.relaxation import Relaxation
 
 # Residual over applied load at which a state counts as equilibrium. On the cantilever 1e-6 leaves 2e-5 of the tip deflection, 3e-6
 # leaves 2e-4; single precision reaches the latter with room to spare.

@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from taichi_membrane.engine.newton import AnyFactor
-from taichi_membrane.engine.preparation import Floats
-from taichi_membrane.engine.record import ElementState, SolveRecord
+from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.scene import Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import Course, LoadState
 from taichi_membrane.simulation.results import ElementFields, ModeResult, StepResult
+from taichi_membrane.solvers.newton import AnyFactor
+from taichi_membrane.solvers.record import ElementState, SolveRecord
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from scipy import spatial
 
 from taichi_membrane import bounds, shapes
 from taichi_membrane import mesh as meshes
-from taichi_membrane.engine import preparation
-from taichi_membrane.engine.preparation import FabricConstants, Floats, Ints
-from taichi_membrane.engine.structure import Structure
 from taichi_membrane.errors import InputError
+from taichi_membrane.mechanics import preparation
+from taichi_membrane.mechanics.preparation import FabricConstants, Floats, Ints
+from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.mesh.topology import edge_table
 from taichi_membrane.scene import Fabric, Load, Rotation, Scene, Translation

@@ -9,13 +9,13 @@ from scipy.linalg import eigh
 from scipy.sparse import diags
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from taichi_membrane.engine.newton import AnyFactor, Newton
-from taichi_membrane.engine.path import Path
-from taichi_membrane.engine.preparation import Floats, sum_to_nodes
 from taichi_membrane.errors import InputError
+from taichi_membrane.mechanics.preparation import Floats, sum_to_nodes
 from taichi_membrane.scene import Modes
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import ModeResult
+from taichi_membrane.solvers.newton import AnyFactor, Newton
+from taichi_membrane.solvers.path import Path
 
 # Share of the way to a stage's target over which the change of the tangent is measured, for linearised buckling.
 _CHANGE = 1e-4

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from taichi_membrane import scene as scenes
-from taichi_membrane.engine.preparation import Floats, Ints
+from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
 from taichi_membrane.simulation.load_state import LoadState

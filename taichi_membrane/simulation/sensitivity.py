@@ -10,9 +10,9 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from taichi_membrane import scene as scenes
-from taichi_membrane.engine.newton import AnyFactor, Newton
-from taichi_membrane.engine.preparation import Floats, volume_gradient
+from taichi_membrane.mechanics.preparation import Floats, volume_gradient
 from taichi_membrane.simulation.model import Model, group_nodes
+from taichi_membrane.solvers.newton import AnyFactor, Newton
 
 
 def derivatives(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
-from taichi_membrane.engine import runtime
+from taichi_membrane.device import runtime
 from taichi_membrane.errors import InputError
 from taichi_membrane.simulation.model import Model
 

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.execution.run import summarise
 from taichi_membrane.names import Arch, Precision
 from taichi_membrane.scene import MeshFile, Scene
 from taichi_membrane.scene.file import load_scene
 from taichi_membrane.scene.messages import not_one_of
 from taichi_membrane.scene.units import probe_unit
-from taichi_membrane.simulation.run import summarise
 
 RUN_DEFAULTS = {"precision": "f64", "arch": "cpu", "threads": ""}  # settings of a run that are no keys of a scene
 # What changes no number of a run: a run need not be repeated when only these change.

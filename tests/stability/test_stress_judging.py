@@ -13,13 +13,13 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from taichi_membrane.assurance.stability import catalogue, report
+from taichi_membrane.assurance.stability.bracket import Bracket
+from taichi_membrane.assurance.stability.case import CONVERGED, HONEST, WRONG, Case, Entry, Problem, border, judge
 from taichi_membrane.commands import stress as command
 from taichi_membrane.commands.cli import app
 from taichi_membrane.errors import InputError
 from taichi_membrane.scene import Scene
-from taichi_membrane.stability import catalogue, report
-from taichi_membrane.stability.bracket import Bracket
-from taichi_membrane.stability.case import CONVERGED, HONEST, WRONG, Case, Entry, Problem, border, judge
 
 LEVELS = (1.0, 10.0, 100.0)
 

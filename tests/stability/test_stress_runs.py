@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_membrane.engine import relaxation
+from taichi_membrane.assurance.stability import catalogue, structures
+from taichi_membrane.assurance.stability.case import CONVERGED, HONEST, STABLE_EIGENVALUE, WRONG, Bench, Problem, judge
+from taichi_membrane.assurance.stability.sweep import sweep
+from taichi_membrane.execution.run import run
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.results import StepResult
-from taichi_membrane.simulation.run import run
-from taichi_membrane.stability import catalogue, structures
-from taichi_membrane.stability.case import CONVERGED, HONEST, STABLE_EIGENVALUE, WRONG, Bench, Problem, judge
-from taichi_membrane.stability.sweep import sweep
+from taichi_membrane.solvers import relaxation
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

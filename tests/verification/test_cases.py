@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from taichi_membrane.engine.runtime import Runtime
-from taichi_membrane.verification import catalogue
-from taichi_membrane.verification.case import run_case
+from taichi_membrane.assurance.verification import catalogue
+from taichi_membrane.assurance.verification.case import run_case
+from taichi_membrane.device.runtime import Runtime
 
 
 @pytest.mark.parametrize("name", catalogue.CASES)

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from taichi_membrane.verification import closed_forms
-from taichi_membrane.verification.shooting import inflated_disc, turned_hub
+from taichi_membrane.assurance.verification import closed_forms
+from taichi_membrane.assurance.verification.shooting import inflated_disc, turned_hub
 
 PRINTED = 1e-6  # the tables below have six or seven digits
 

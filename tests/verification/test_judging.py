@@ -9,10 +9,17 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from taichi_membrane.assurance.verification import catalogue, report
+from taichi_membrane.assurance.verification.case import (
+    Case,
+    NoEquilibriumError,
+    Outcome,
+    Quantity,
+    measured_order,
+    run_case,
+)
 from taichi_membrane.commands.cli import app
 from taichi_membrane.errors import InputError
-from taichi_membrane.verification import catalogue, report
-from taichi_membrane.verification.case import Case, NoEquilibriumError, Outcome, Quantity, measured_order, run_case
 
 
 def made_up(order: float = 2.0, share: float = 0.1, fails_at: int = 0) -> Case:

@@ -1,0 +1,1 @@
+"""Linear systems: order of elimination, symbolic and numeric factorisation."""

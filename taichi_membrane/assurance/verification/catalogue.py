@@ -1,0 +1,38 @@
+"""The verification cases by name, in the order of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from taichi_membrane.assurance.verification import films, pressure, tubes, wrinkling
+from taichi_membrane.assurance.verification.case import Case
+from taichi_membrane.errors import InputError
+
+# Functions, because a case computes its references when it is made.
+CASES: dict[str, Callable[[], Case]] = {
+    "sphere": pressure.sphere,
+    "cylinder": pressure.cylinder,
+    "hencky": pressure.hencky,
+    "disc": pressure.disc,
+    "mylar": pressure.mylar,
+    "airbag": pressure.airbag,
+    "strip": wrinkling.strip,
+    "annulus": wrinkling.annulus,
+    "off_axis": tubes.off_axis,
+    "cantilever": tubes.cantilever,
+    "torsion": tubes.torsion,
+    "catenoid": films.catenoid,
+    "scherk": films.scherk,
+    "hypar": films.hypar,
+}
+
+
+def chosen(names: Sequence[str]) -> tuple[str, ...]:
+    """The given names, or all of them where none is given, in the order of the report.
+
+    :raises InputError: no case of that name.
+    """
+    for name in names:
+        if name not in CASES:
+            raise InputError(f"no verification case is called {name!r}; there are {', '.join(CASES)}")
+    return tuple(name for name in CASES if name in names or not names)

@@ -1,1 +1,0 @@
-"""Mechanics on the device: fabric, element, membrane, and the solvers relaxation and Newton."""

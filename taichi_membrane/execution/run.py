@@ -1,0 +1,300 @@
+"""A whole run: scene, mesh, model, load steps, files, pictures, checks."""
+
+from __future__ import annotations
+
+import platform
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.execution.observer import Clock, Observer, Silent
+from taichi_membrane.names import Arch, Precision
+from taichi_membrane.scene import Camera, Scene
+
+if TYPE_CHECKING:
+    from taichi_membrane.device.runtime import Runtime
+    from taichi_membrane.mesh import Mesh
+    from taichi_membrane.output.reader import SavedRun
+    from taichi_membrane.output.writer import Writer
+    from taichi_membrane.simulation.model import Model
+    from taichi_membrane.simulation.results import RunResult, Settings
+    from taichi_membrane.simulation.solver_choice import SolverChoice
+
+
+def run(
+    scene: Scene,
+    *,
+    mesh: Mesh | None = None,
+    out: Path | None = None,
+    base: Path | None = None,
+    arch: Arch = "cpu",
+    precision: Precision = "f64",
+    threads: int | None = None,
+    render: bool = True,
+    repair: bool = False,
+    observer: Observer | None = None,
+) -> RunResult:
+    """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
+
+    :param mesh: a mesh object for a scene whose mesh is ``{"shape": "given"}``.
+    :param out: folder for summary.json, history.csv, step files, curve.png and pictures; nothing is written when None.
+    :param base: folder that a relative mesh path starts from; the current one when None.
+    :param render: draw pictures and the curve (only with ``out``).
+    :param repair: mend a mesh file where that is safe; ``RunResult.mesh.mended`` says what was done.
+    :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk; another
+        process that writes in ``out``. A step that does not converge raises nothing: it ends the run, and ``RunResult.converged``
+        says so.
+    """
+    clock = Clock(observer or Silent())
+    from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
+    from taichi_membrane.simulation.results import Settings
+
+    with _sole_writer(out):
+        with clock.phase("setup", "reading the mesh"):
+            mesh = build_mesh(scene, base, repair=repair) if mesh is None else with_scene_groups(scene, mesh)
+            model = build_model(scene, mesh)
+        settings = Settings(arch=arch, precision=precision, threads=threads)
+        return _carry_out(model, settings, clock, out=out, render=render)
+
+
+def resume(directory: Path, *, render: bool = True, observer: Observer | None = None) -> RunResult:
+    """Go on with a run that was stopped, from its last whole load step; scene, mesh and settings are those in its folder.
+
+    All numbers and files become what they would be had the run not been stopped, to the last bit, apart from times. Of a run that
+    has ended, converged or not, nothing is done again: its result is read from its files.
+
+    :param directory: the folder of the run.
+    :param render: draw pictures and the curve at the end, as in :func:`run`.
+    :raises InputError: the folder is not a run of this program, or is damaged; it was begun with other versions or on another back
+        end; a file cannot be written; another process writes there.
+    """
+    clock = Clock(observer or Silent())
+    from taichi_membrane.output.reader import is_complete, read_run
+    from taichi_membrane.simulation.model import build_model
+
+    with _sole_writer(None if is_complete(Path(directory)) else Path(directory)):
+        with clock.phase("setup", "reading the run"):
+            saved = _without_open_path(read_run(Path(directory)))
+            model = build_model(saved.scene, saved.mesh)
+        clock.observer.kept(saved.steps)
+        if saved.complete:
+            return _ended(saved)
+        for phase, seconds in saved.seconds.items():
+            clock.seconds[phase] = clock.seconds.get(phase, 0.0) + seconds
+        return _carry_out(model, saved.settings, clock, out=saved.directory, render=render, saved=saved)
+
+
+def _sole_writer(out: Path | None) -> AbstractContextManager[None]:
+    """Keeps other runs out of the folder that this one writes in; it is one that a run may write in.
+
+    :raises InputError: another process is at work in it; it holds other files and no run.
+    """
+    if out is None:
+        return nullcontext()
+    from taichi_membrane.output.lock import sole_writer
+    from taichi_membrane.output.writer import check_directory
+
+    check_directory(Path(out))
+    return sole_writer(Path(out))
+
+
+def _carry_out(
+    model: Model, settings: Settings, clock: Clock, *, out: Path | None, render: bool, saved: SavedRun | None = None
+) -> RunResult:
+    """Solve the load steps that are not saved yet; write, judge and draw all."""
+    observer = clock.observer
+    with clock.phase("start", "starting Taichi"):
+        from taichi_membrane.device import runtime
+
+        active = runtime.start(arch=settings.arch, precision=settings.precision, threads=settings.threads)
+        from taichi_membrane.simulation import analysis, probes
+        from taichi_membrane.simulation.solver_choice import chosen_solver
+
+        if out is not None and render and not active.on_cpu:
+            from taichi_membrane.pictures.driver import check_driver
+
+            check_driver()
+    from taichi_membrane.simulation.results import RunResult
+
+    probes.validate(model)
+    with clock.phase("setup"):
+        solver = chosen_solver(model)
+        model.structure.prepare(matrix=solver.kind != "relaxation")
+    provenance = _provenance(model, active, solver)
+    if saved is not None:
+        _refuse_other_bits(saved, provenance)
+    writer = _writer(out, model, settings, provenance, saved)
+    with clock.phase("compile", "compiling kernels"):
+        # Uploads compile a kernel for every type of field, so they belong here too.
+        work = analysis.ready(model)
+    result = RunResult(
+        scene=model.scene, mesh=model.structure.mesh, steps=() if saved is None else saved.steps, checks=(),
+        seconds=clock.seconds, provenance=provenance, directory=out,
+    )  # fmt: skip
+    try:
+        observer.phase("solving")
+        steps = work.steps(
+            lambda stage, k, n, p: observer.progress(stage, k, n, p.iteration, p.residual, p.seconds),
+            done=result.steps,
+        )
+        while (step := clock.timed("solve", lambda: next(steps, None))) is not None:
+            result = replace(result, steps=(*result.steps, step))
+            observer.step_done(step)
+            if writer is not None:
+                with clock.phase("output"):
+                    for path in writer.write_step(step, clock.seconds):
+                        observer.wrote(path)
+    except InputError:
+        raise  # a file that cannot be written, so nothing more is
+    except BaseException:
+        # Also after Ctrl-C: what was computed is judged, drawn and kept.
+        _finish(replace(result, outcome=work.outcome), writer, clock, render=render)
+        raise
+    return _finish(replace(result, outcome=work.outcome), writer, clock, render=render)
+
+
+def _writer(
+    out: Path | None, model: Model, settings: Settings, provenance: dict[str, Any], saved: SavedRun | None
+) -> Writer | None:
+    """The writer of a run's files, where files are wanted."""
+    if out is None:
+        return None
+    from taichi_membrane.output.writer import Writer
+
+    structure = model.structure
+    return Writer(
+        Path(out),
+        model.scene,
+        structure.mesh,
+        settings=settings,
+        provenance=provenance,
+        tri_fabric=structure.tri_fabric.astype(np.int32),
+        saved=saved,
+    )
+
+
+def _without_open_path(saved: SavedRun) -> SavedRun:
+    """The run without the steps of the stage that it was in, where that can only be followed from its start: by arc length, or with
+    a chamber shut.
+
+    How far along the path the next step goes, and what gas was shut in, is not in the steps' files.
+    """
+    open_stages = [stage.name for stage in saved.scene.stages if stage.control == "arc_length" or stage.closed]
+    if saved.complete or not saved.steps or saved.steps[-1].stage not in open_stages:
+        return saved
+    count = sum(step.stage != saved.steps[-1].stage for step in saved.steps)
+    return replace(saved, steps=saved.steps[:count], records=saved.records[:count])
+
+
+def _ended(saved: SavedRun) -> RunResult:
+    """The result of a run that has ended, from its files."""
+    from taichi_membrane.simulation import probes
+    from taichi_membrane.simulation.results import RunResult
+
+    return RunResult(
+        scene=saved.scene,
+        mesh=saved.mesh,
+        steps=saved.steps,
+        checks=probes.run_checks(saved.scene, saved.steps),
+        seconds=saved.seconds,
+        provenance=saved.provenance,
+        outcome=saved.outcome,
+        directory=saved.directory,
+        files=saved.files,
+    )
+
+
+def _refuse_other_bits(saved: SavedRun, provenance: dict[str, Any]) -> None:
+    """Refuse to go on with what would round otherwise than what there is.
+
+    :raises InputError: other versions, another back end, precision or solver.
+    """
+    for key in ("taichi_membrane", "taichi", "numpy", "scipy", "arch", "precision", "solver"):
+        before, now = saved.provenance.get(key), provenance[key]
+        if before != now:
+            raise InputError(
+                f"{saved.directory}: this run was begun with {key} {before}, and here it is {now}: the rest would not be "
+                "what it would have been; run its scene again"
+            )
+
+
+def _finish(result: RunResult, writer: Writer | None, clock: Clock, *, render: bool) -> RunResult:
+    """Judge the checks, draw the pictures and write the final summary."""
+    from taichi_membrane.simulation import probes
+
+    result = replace(result, checks=probes.run_checks(result.scene, result.steps))
+    if writer is None or not result.steps:
+        return result
+    if render:
+        from taichi_membrane.pictures import gallery
+
+        with clock.phase("render", "drawing"):
+            for path in gallery.draw_run(result, writer.directory, result.scene.camera):
+                writer.note(path)
+                clock.observer.wrote(path)
+    return replace(result, files=tuple(writer.finish(result)))
+
+
+def summarise(scene: Scene, base: Path | None = None, *, repair: bool = False) -> tuple[Model, list[str], list[str]]:
+    """Validate a scene and its mesh without running it; the model, what is compiled in and what is left out.
+
+    :raises InputError: anything a run would refuse before it starts.
+    """
+    from taichi_membrane.simulation import probes
+    from taichi_membrane.simulation.model import build_mesh, build_model
+
+    model = build_model(scene, build_mesh(scene, base, repair=repair))
+    probes.validate(model)
+    compiled_in, left_out = model.structure.features().describe()
+    return model, compiled_in, left_out
+
+
+def redraw(directory: Path, *, camera: Camera | None = None, observer: Observer | None = None) -> list[Path]:
+    """Draw a finished run's pictures again, with another camera if one is given.
+
+    :raises InputError: the folder is not a run of this program, or is damaged.
+    """
+    observer = observer or Silent()
+    from taichi_membrane.device import runtime
+    from taichi_membrane.output.reader import read_run
+    from taichi_membrane.simulation.results import RunResult
+
+    saved = read_run(directory)
+    if not saved.steps:
+        raise InputError(f"{directory}: this run has no load steps to draw")
+    runtime.start()  # before anything imports Taichi, whose banner would land on standard output
+    from taichi_membrane.pictures import gallery
+
+    result = RunResult(
+        scene=saved.scene, mesh=saved.mesh, steps=saved.steps, checks=(), seconds={}, provenance=saved.provenance
+    )
+    observer.phase("drawing")
+    paths = []
+    for path in gallery.draw_run(result, directory, camera or saved.scene.camera):
+        observer.wrote(path)
+        paths.append(path)
+    return paths
+
+
+def _provenance(model: Model, active: Runtime, solver: SolverChoice) -> dict[str, Any]:
+    """What really ran, so that a number can be traced."""
+    compiled_in, left_out = model.structure.features().describe()
+    return {
+        "taichi_membrane": metadata.version("taichi-membrane"),
+        "taichi": active.taichi_version,
+        "python": platform.python_version(),
+        "numpy": metadata.version("numpy"),
+        "scipy": metadata.version("scipy"),
+        "arch": active.arch,
+        "precision": active.precision,
+        "threads": active.threads,
+        "solver": solver.kind,
+        "solver_reason": solver.reason,
+        "compiled_in": compiled_in,
+        "left_out": left_out,
+    }

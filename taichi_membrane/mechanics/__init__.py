@@ -1,0 +1,1 @@
+"""What fabric, gas and loads do: forces, energies and tangents of one structure, on the device."""

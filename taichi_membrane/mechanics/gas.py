@@ -1,0 +1,118 @@
+"""Closed chambers: the gas in them keeps p_abs Vⁿ, so that their pressure follows the volume.
+
+To the tangent each chamber adds a dense but rank-one term κ b bᵀ, κ = n p_abs/V, b = ∂V/∂x: the gas resists a change of volume.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichi_membrane.algebra.multifrontal import Factor
+from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.mechanics.preparation import Floats, Ints, volume_gradient
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chamber:
+    """A chamber whose valve is shut.
+
+    :param number: number of its pressure among the membrane's.
+    :param triangles: numbers of the triangles that enclose it.
+    :param rest_volume: volume they enclose at rest.
+    :param ambient: absolute pressure outside.
+    :param exponent: n; 1 for constant temperature.
+    :param volume: volume when the valve was shut, ``pressure`` the pressure above ambient then.
+    """
+
+    number: int
+    triangles: Ints
+    rest_volume: float
+    ambient: float
+    exponent: float
+    volume: float
+    pressure: float
+
+    def pressure_at(self, volume: float) -> float:
+        """Pressure above ambient; infinite where nothing is left of the volume."""
+        if volume <= 0.0:
+            return float("inf")
+        return (self.pressure + self.ambient) * (self.volume / volume) ** self.exponent - self.ambient
+
+    def resistance(self, volume: float) -> float:
+        """-dp/dV."""
+        return self.exponent * (self.pressure_at(volume) + self.ambient) / volume
+
+    def work(self, volume: float) -> float:
+        """Work that the gas and the ambient pressure have done since the valve was shut, ∫ p dV."""
+        if volume <= 0.0:
+            return float("-inf")
+        n, absolute, ratio = self.exponent, self.pressure + self.ambient, volume / self.volume
+        done = np.log(ratio) if n == 1.0 else (ratio ** (1.0 - n) - 1.0) / (1.0 - n)
+        return float(absolute * self.volume * done - self.ambient * (volume - self.volume))
+
+
+class Gas:
+    """The closed chambers of a membrane."""
+
+    def __init__(self, membrane: Membrane, chambers: tuple[Chamber, ...]) -> None:
+        self.membrane = membrane
+        self.chambers = chambers
+
+    def settle(self) -> None:
+        """Set the pressures that belong to the membrane's present volumes."""
+        pressures = self.membrane.pressures()
+        for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
+            pressures[chamber.number] = chamber.pressure_at(volume)
+        self.membrane.set_pressures(pressures)
+
+    def energy(self) -> float:
+        """What the potential energy lacks that takes the present pressures for constant ones."""
+        pressures, total = self.membrane.pressures(), 0.0
+        for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
+            total += pressures[chamber.number] * (volume - chamber.rest_volume) - chamber.work(volume)
+        return total
+
+    def coupled(self, factor: Factor) -> CoupledFactor:
+        """The factorised tangent with the chambers' terms; ``factor`` is that at constant pressures."""
+        gradients = [np.where(~self.membrane.structure.node_held, g, 0.0) for g in map(self._gradient, self.chambers)]
+        resistance = [c.resistance(v) for c, v in zip(self.chambers, self._volumes(), strict=True)]
+        softened = [factor.solve(gradient) for gradient in gradients]
+        inner = np.diag(1.0 / np.array(resistance))
+        inner += np.array([[np.vdot(a, b) for b in softened] for a in gradients])
+        # Sylvester's law on the bordered matrix, whose inertia can be read both ways.
+        negative = factor.negative + int((np.linalg.eigvalsh(inner) > 0.0).sum()) - len(self.chambers)
+        return CoupledFactor(factor, gradients, softened, inner, negative)
+
+    def _volumes(self) -> list[float]:
+        swept = self.membrane.swept_volumes(self.membrane.displacement())
+        return [chamber.rest_volume + float(swept[chamber.triangles].sum()) for chamber in self.chambers]
+
+    def _gradient(self, chamber: Chamber) -> Floats:
+        """(node_count, 3) ∂V/∂x in the supports' axes."""
+        mesh = self.membrane.structure.mesh
+        places = mesh.points + self.membrane.displacement()
+        return self.membrane.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles]))
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledFactor:
+    """A factorised matrix with rank-one terms added, by the formula of Sherman, Morrison and Woodbury.
+
+    :param negative: number of negative eigenvalues of the sum.
+    """
+
+    factor: Factor
+    gradients: list[Floats]
+    softened: list[Floats]
+    inner: Floats
+    negative: int
+
+    def solve(self, right: Floats) -> Floats:
+        """Solution (n, 3) for a right-hand side (n, 3), by nodes."""
+        solution = self.factor.solve(right)
+        shares = np.linalg.solve(self.inner, [np.vdot(gradient, solution) for gradient in self.gradients])
+        for share, softened in zip(shares, self.softened, strict=True):
+            solution = solution - share * softened
+        return solution

@@ -1,0 +1,165 @@
+"""What is computed once, in NumPy and double precision, before anything is uploaded: geometry matrices, fabric constants,
+gather lists."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.names import SideStrain, WrinklingLaw
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.integer[Any]]  # node and element numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class FabricConstants:
+    """An orthotropic fabric: moduli in force per area, thickness in length.
+
+    ``poisson`` is the contraction in weft per extension in warp; ``prestress`` (warp, weft, shear) acts at zero strain.
+    """
+
+    e_warp: float
+    e_weft: float
+    poisson: float
+    shear: float
+    thickness: float
+    law: WrinklingLaw = "tension_field"
+    side_strain: SideStrain = "engineering"
+    prestress: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def isotropic(self) -> bool:
+        """True when the constants are those of an isotropic sheet, up to round-off in G = E/(2(1+ν))."""
+        isotropic_shear = self.e_warp / (2 * (1 + self.poisson))
+        return self.e_warp == self.e_weft and abs(self.shear - isotropic_shear) <= 1e-12 * isotropic_shear
+
+    def compliance(self) -> Floats:
+        """(3, 3) compliance in fabric axes, ε = S σ with the engineering shear strain."""
+        cross = -self.poisson / self.e_warp
+        return np.array([[1 / self.e_warp, cross, 0], [cross, 1 / self.e_weft, 0], [0, 0, 1 / self.shear]])
+
+    def stiffness(self) -> Floats:
+        """(3, 3) plane-stress stiffness in fabric axes (eq. 8 of the seed paper)."""
+        divisor = 1 - self.poisson**2 * self.e_weft / self.e_warp
+        cross = self.poisson * self.e_weft
+        return np.array([[self.e_warp, cross, 0], [cross, self.e_weft, 0], [0, 0, divisor * self.shear]]) / divisor
+
+    def record(self) -> dict[str, float]:
+        """Entries of the Taichi record of :func:`taichi_membrane.mechanics.fabric.fabric_record`."""
+        c, s = self.stiffness(), self.compliance()
+        root_warp, root_weft = float(np.sqrt(self.e_warp)), float(np.sqrt(self.e_weft))
+        kappa = 0.5 * (1 / self.shear - 2 * self.poisson / self.e_warp) * root_warp * root_weft
+        return {
+            "c11": c[0, 0], "c12": c[0, 1], "c22": c[1, 1], "c33": c[2, 2],
+            "root_warp": root_warp, "root_weft": root_weft, "root_shear": float(np.sqrt(root_warp * root_weft)),
+            "eta": 0.0 if self.isotropic else 0.5 * (kappa - 1),
+            "compliance_warp": s[0, 0], "compliance_cross": s[0, 1], "compliance_weft": s[1, 1],
+            "compliance_shear": s[2, 2],
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class TriangleGeometry:
+    """Per triangle: side lengths at rest (m, 3), area (m,), strain matrix G (m, 3, 3) with ε = G δ, unit warp and weft (m, 3)."""
+
+    side_length: Floats
+    area: Floats
+    strain_matrix: Floats
+    warp: Floats
+    weft: Floats
+
+
+def triangle_geometry(mesh: Mesh, tri_warp: Floats, *, where: str = "fabric.warp") -> TriangleGeometry:
+    """Geometry of all triangles in their fabric axes.
+
+    The inverse of the rows [cos²θ, sin²θ, sinθ cosθ] of eq. 6 in closed form: the strain that has extension in side a alone
+    is -(n_b⊗n_c + n_c⊗n_b) L_a δ_a / (8 A²), n the sides turned by a right angle. No matrix is inverted: slivers keep digits.
+
+    :raises InputError: a warp direction that is (nearly) perpendicular to its element, with the element number.
+    """
+    corners = mesh.points[mesh.triangles]
+    sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # side a: corner a+1 to corner a+2
+    directed = np.cross(sides[:, 0], sides[:, 1])
+    double_area = np.linalg.norm(directed, axis=1)
+    normal = directed / double_area[:, None]
+    warp = project_on_elements(tri_warp, normal, np.arange(mesh.tri_count), where)
+    weft = np.cross(normal, warp)
+    x, y = np.einsum("iaj,ij->ia", sides, warp), np.einsum("iaj,ij->ia", sides, weft)
+    length = np.linalg.norm(sides, axis=2)
+    xb, xc, yb, yc = np.roll(x, -1, 1), np.roll(x, -2, 1), np.roll(y, -1, 1), np.roll(y, -2, 1)
+    factor = length / double_area[:, None] ** 2
+    strain_matrix = np.stack([-yb * yc * factor, -xb * xc * factor, (xb * yc + xc * yb) * factor], axis=1)
+    return TriangleGeometry(
+        side_length=length, area=0.5 * double_area, strain_matrix=strain_matrix, warp=warp, weft=weft
+    )
+
+
+def project_on_elements(directions: Floats, normals: Floats, elements: Ints, where: str) -> Floats:
+    """Unit projections of the given elements' directions on their planes; (m, 3) arrays in, (len(elements), 3) out.
+
+    :raises InputError: a direction that is perpendicular to its element to within 1e-6, with the element number.
+    """
+    asked, normal = directions[elements], normals[elements]
+    tangent = asked - np.einsum("ij,ij->i", asked, normal)[:, None] * normal
+    length = np.linalg.norm(tangent, axis=1)
+    bad = np.flatnonzero(length <= 1e-6 * np.linalg.norm(asked, axis=1))
+    if bad.size:
+        raise InputError(
+            f"{where}: the direction {asked[bad[0]].tolist()} is perpendicular to element {elements[bad[0]]} "
+            f"(and {bad.size - 1} others), so it has no projection on the fabric there"
+        )
+    return tangent / length[:, None]
+
+
+def gather_lists(triangles: Ints, node_count: int) -> tuple[Ints, Ints]:
+    """Start of each node's list (node_count + 1,) and the list of corners (3 · tri_count,), a corner being 3·triangle + corner.
+
+    Sums over these lists replace atomic additions, whose order and therefore last bits change from run to run.
+    """
+    flat = triangles.reshape(-1)
+    order = np.argsort(flat, kind="stable").astype(np.int32)
+    start = np.zeros(node_count + 1, dtype=np.int32)
+    np.cumsum(np.bincount(flat, minlength=node_count), out=start[1:])
+    return start, order
+
+
+def nodal_pressure(mesh: Mesh, tri_pressure: Floats) -> Floats:
+    """(node_count, 3) nodal forces of a pressure per triangle on the unstressed shape; a scale for residuals."""
+    force = (tri_pressure * mesh.tri_areas())[:, None] * mesh.tri_normals() / 3.0
+    return sum_to_nodes(mesh, np.repeat(force, 3, axis=0))
+
+
+def volume_gradient(points: Floats, triangles: Ints) -> Floats:
+    """(node_count, 3) ∂V/∂x of the volume that triangles enclose: a sixth of (b - a) × (c - a) of each at its three corners."""
+    corners = points[triangles]
+    vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 6.0
+    columns = [np.bincount(triangles.ravel(), np.repeat(c, 3), minlength=len(points)) for c in vector.T]
+    return np.stack(columns, axis=1)
+
+
+def sum_to_nodes(mesh: Mesh, corner_values: Floats) -> Floats:
+    """Sum (3 · tri_count, k) corner values at the nodes, giving (node_count, k)."""
+    flat = mesh.triangles.reshape(-1)
+    columns = [np.bincount(flat, weights=column, minlength=mesh.node_count) for column in corner_values.T]
+    return np.stack(columns, axis=1)
+
+
+def edge_parts(triangles: Ints, edges: Ints) -> NDArray[np.int32]:
+    """(edge_count, 2) the one or two triangle sides on each edge, a side being 3·triangle + side; -1 for none."""
+    near, far = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()
+    low, high = np.minimum(near, far).astype(np.int64), np.maximum(near, far)
+    count = int(triangles.max()) + 1
+    number = np.searchsorted(edges[:, 0].astype(np.int64) * count + edges[:, 1], low * count + high)
+    order = np.argsort(number, kind="stable").astype(np.int32)
+    parts = np.full((len(edges), 2), -1, dtype=np.int32)
+    ordered = number[order]
+    first = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+    parts[ordered[first], 0] = order[first]
+    parts[ordered[~first], 1] = order[~first]
+    return parts

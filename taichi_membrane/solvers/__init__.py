@@ -1,0 +1,1 @@
+"""Equilibrium of what the mechanics give: relaxation, Newton's method, arc length."""

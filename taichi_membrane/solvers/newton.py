@@ -1,0 +1,319 @@
+"""Newton's method on the relaxed potential energy: the full-matrix counterpart of relaxation, on the same fields.
+
+Each iteration assembles residual and tangent, factorises, and backtracks on the potential energy along the step. Where the
+tangent is not positive definite (flat, slack, buckling) a multiple of the relaxation's fictitious masses is added until it is;
+the shift is withdrawn as full steps succeed. With no shift and full steps the convergence is quadratic.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.algebra.multifrontal import Factor
+from taichi_membrane.mechanics.gas import CoupledFactor, Gas
+from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.tangent import Tangent
+from taichi_membrane.solvers.record import Progress, SolveRecord
+from taichi_membrane.solvers.relaxation import Relaxation
+
+# Shifts are multiples of 2 M. Twice that bounds the tangent in size (K ≤ 4 M), so that a shift of 2 makes any definite; enormous
+# pressures come near: their load stiffness has been seen at -2.3 M.
+_SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-8, 2.0
+_SHIFT_FACTOR = 10.0
+# The first shift tried; the next one over the softest mode's negative curvature; inverse iterations for that mode in a step.
+_FIRST_SHIFT, _MARGIN, _MODE_ITERATIONS = 1e-6, 2.0, 3
+# A step that lowers the energy by less than this share of what its quadratic model promises is shortened while that helps.
+_POOR = 0.25
+# Armijo's share of the predicted decrease, and the shortest step tried before the shift is raised.
+_DECREASE, _SHORTEST = 1e-4, 1 / 64
+# Energies agree to this share when round-off alone separates them; the residual then decides.
+_ENERGY_NOISE = 1e-13
+# Away from an unstable equilibrium: the first push, as a share of the shortest side, and how exactly its direction is found.
+_FIRST_PUSH, _INVERSE_ITERATIONS, _DISTURBANCE = 1e-3, 12, 1e-2
+
+
+AnyFactor = Factor | CoupledFactor
+
+
+class Newton:
+    """Newton's method for one membrane; shares its fields with a relaxation, whose masses scale the shift.
+
+    Forces and steps here are (node_count, 3) in the axes that supports refer to, zero at held components.
+    """
+
+    def __init__(self, membrane: Membrane, relaxation: Relaxation) -> None:
+        self.membrane = membrane
+        self.relaxation = relaxation
+        self.tangent = Tangent(membrane)
+        self.free: NDArray[np.bool_] = ~membrane.structure.node_held
+        self.shift = 0.0
+        self.definite = True
+        self.gas: Gas | None = None
+        self._kept: tuple[Floats, Floats, AnyFactor] | None = None
+        self.first_step = 0.0  # length of the last solve's first step without a shift, 0 where that was indefinite
+        self._lowest = 0.0
+        self._mode: Floats | None = None
+
+    def compile(self) -> None:
+        """Compile the assembly kernels."""
+        self.tangent.assemble()
+
+    def solve(
+        self,
+        *,
+        tolerance: float,
+        reference: float,
+        loads: Floats,
+        max_iterations: int,
+        report: Callable[[Progress], None] | None = None,
+    ) -> SolveRecord:
+        """Iterate from the present displacements until the residual is below ``tolerance`` times ``reference``.
+
+        :param loads: (node_count, 3) dead nodal forces, for the potential energy.
+        """
+        started = time.perf_counter()
+        self.shift, self.definite, self.first_step, self._lowest, self._mode = 0.0, True, 0.0, 0.0, None
+        position = self.membrane.displacement()
+        energy = self._settled_energy(loads)
+        residual, reason, iteration = np.inf, "iteration limit", 0
+        for iteration in range(max_iterations + 1):
+            force = self.free_force()
+            residual = float(np.linalg.norm(force)) / reference
+            if report is not None:
+                report(Progress(iteration=iteration, residual=residual, seconds=time.perf_counter() - started))
+            if not np.isfinite(residual) or not np.isfinite(energy):
+                reason = "not finite"
+                break
+            if residual <= tolerance:
+                found = self._leave_saddle(position, energy, loads)
+                if found is None:
+                    reason = "residual"
+                    break
+                position, energy = found
+                continue
+            if iteration == max_iterations:
+                break
+            found = self._step(position, energy, force, loads)
+            if found is None:
+                reason = "no descent"
+                break
+            position, energy = found
+        return SolveRecord(
+            converged=reason == "residual",
+            reason=reason,
+            iterations=iteration,
+            residual=residual,
+            seconds=time.perf_counter() - started,
+            method="newton",
+            definite=self.definite,
+        )
+
+    def fill(self, gas: Gas | None) -> None:
+        """Couple the displacements with the gas in shut chambers, or no longer."""
+        if gas is not None or self.gas is not None:
+            self._kept = None  # the tangent of another problem
+        self.gas = gas
+
+    def free_force(self) -> Floats:
+        """(node_count, 3) out-of-balance forces at free components."""
+        return np.where(self.free, self.membrane.in_frames(self.membrane.out_of_balance()), 0.0)
+
+    def factorised(self, *, indefinite: bool = False) -> AnyFactor | None:
+        """The present tangent, factorised; see :meth:`Multifrontal.factorise`."""
+        factor = self.tangent.solver.factorise(self.tangent.assemble(), indefinite=indefinite)
+        return factor if factor is None or self.gas is None else self.gas.coupled(factor)
+
+    def _settled_energy(self, loads: Floats) -> float:
+        """Potential energy at the present displacements, with the pressures of closed chambers set to what they are there."""
+        if self.gas is None:
+            return self.membrane.potential_energy(loads)[0]
+        self.gas.settle()
+        return self.membrane.potential_energy(loads)[0] + self.gas.energy()
+
+    def _return(self, position: Floats) -> None:
+        """Go back to displacements, and pressures, that a trial step has left."""
+        self.membrane.set_displacement(position)
+        if self.gas is not None:
+            self.gas.settle()
+
+    def at_rest(self) -> AnyFactor | None:
+        """The factorised tangent at the present state, indefinite or not; None where it is singular.
+
+        It is kept, so that a load step that starts from here need not factorise again.
+        """
+        factor = self.factorised(indefinite=True)
+        self._kept = None if factor is None else (self.membrane.displacement(), self.membrane.pressures(), factor)
+        return factor
+
+    def upload(self) -> None:
+        """Take over the structure that is now in the membrane's fields, all chambers open."""
+        self.tangent.upload()
+        self.free = ~self.membrane.structure.node_held
+        self._kept, self.gas = None, None
+
+    def _factor_at_rest(self, position: Floats) -> AnyFactor | None:
+        """What :meth:`at_rest` kept, where it is still the tangent of this state."""
+        kept, self._kept = self._kept, None
+        if kept is None or not (
+            np.array_equal(kept[0], position) and np.array_equal(kept[1], self.membrane.pressures())
+        ):
+            return None
+        return kept[2]
+
+    def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
+        """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""
+        at_rest = self._factor_at_rest(position)
+        blocks: Floats | None = None
+        while True:
+            factor: AnyFactor | None
+            if at_rest is not None and self.shift == 0.0:
+                factor = at_rest if at_rest.negative == 0 else None
+            else:
+                blocks = self.tangent.assemble() if blocks is None else blocks
+                factor = self._shifted(blocks, self.shift)
+            if factor is None:
+                self.definite = False
+            else:
+                direction = factor.solve(force)
+                if self.definite and self.first_step == 0.0:
+                    self.first_step = float(np.linalg.norm(direction))
+                found = self._backtrack(position, energy, force, direction, loads)
+                if found is not None:
+                    position, energy, fraction = found
+                    if self.shift > 0.0:
+                        position, energy = self._along_soft_mode(factor, position, energy, loads)
+                    self._adapt_shift(fraction)
+                    return position, energy
+            if self.shift >= _LARGEST_SHIFT:
+                break
+            self.shift = min(max(_FIRST_SHIFT, _SHIFT_FACTOR * self.shift), _LARGEST_SHIFT)
+        self._return(position)
+        return None
+
+    def _shifted(self, blocks: Floats, shift: float) -> AnyFactor | None:
+        """The tangent with a shift, factorised; None where it is not definite."""
+        factor = self.tangent.solver.factorise(blocks, shift * self._stiffness_bound() if shift > 0.0 else None)
+        return factor if factor is None or self.gas is None else self.gas.coupled(factor)
+
+    def _along_soft_mode(
+        self, factor: AnyFactor, position: Floats, energy: float, loads: Floats
+    ) -> tuple[Floats, float]:
+        """Where the tangent without its shift is indefinite, go on along the softest mode while the energy falls.
+
+        Otherwise the shift lets steps creep along that mode, towards a saddle and away from it.
+        """
+        mode, self._lowest = self._softest(factor, self.shift, _MODE_ITERATIONS)
+        if self._lowest >= 0.0:
+            return position, energy
+        return self._push(position, energy, mode, loads) or (position, energy)
+
+    def _softest(self, factor: AnyFactor, shift: float, iterations: int) -> tuple[Floats, float]:
+        """The mode of lowest curvature, by inverse iteration from the last one, and that curvature in units of the shift."""
+        bound, mode, value = self._stiffness_bound(), self._mode, 0.0
+        if mode is None:  # a fixed start: runs repeat bit by bit
+            mode = np.where(self.free, np.random.default_rng(0).standard_normal(self.free.shape), 0.0)
+        for _ in range(iterations):
+            right = bound * mode
+            mode = factor.solve(right)
+            length = float(np.vdot(mode, bound * mode))
+            value = float(np.vdot(mode, right)) / length - shift
+            mode /= np.sqrt(length)
+        self._mode = mode
+        return mode, value
+
+    def _leave_saddle(self, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float] | None:
+        """A lower state beside an equilibrium that is unstable; None where the equilibrium is stable (or indifferent).
+
+        Where the last steps needed no shift, the tangent was positive definite already. Otherwise the softest mode is found by
+        inverse iteration, and the structure is pushed along it as far as the energy keeps falling.
+        """
+        if self.shift == 0.0 or self._shifted(self.tangent.assemble(), _SMALLEST_SHIFT) is not None:
+            return None
+        mode = self._softest_mode()
+        return None if mode is None else self._push(position, energy, mode, loads)
+
+    def disturb(self) -> None:
+        """Move along the softest mode a little, so that what symmetry holds in an unstable equilibrium can leave it."""
+        mode = self._softest_mode()
+        if mode is not None:
+            step = self.membrane.from_frames(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
+            self._return(self.membrane.displacement() + _DISTURBANCE * step)
+
+    def _softest_mode(self) -> Floats | None:
+        """The mode of lowest curvature at the present state, from a shift that has just become definite."""
+        blocks, shift, factor = self.tangent.assemble(), _SMALLEST_SHIFT, None
+        while factor is None and shift <= _LARGEST_SHIFT:
+            factor = self._shifted(blocks, shift)
+            if factor is None:
+                shift *= _SHIFT_FACTOR
+        if factor is None:
+            return None
+        self._mode = None
+        return self._softest(factor, shift, _INVERSE_ITERATIONS)[0]
+
+    def _push(self, position: Floats, energy: float, mode: Floats, loads: Floats) -> tuple[Floats, float] | None:
+        """The lower state along a mode, either way, as far as the energy keeps falling; None where it rises both ways."""
+        step = self.membrane.from_frames(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
+        best: tuple[Floats, float] | None = None
+        for sign in (1.0, -1.0):
+            fraction = _FIRST_PUSH
+            while fraction <= 1.0:
+                trial = position + sign * fraction * step
+                self.membrane.set_displacement(trial)
+                reached = self._settled_energy(loads)
+                if reached >= (energy if best is None else best[1]):
+                    break
+                best = (trial, reached)
+                fraction *= 2.0
+        self._return(position if best is None else best[0])
+        return best
+
+    def _stiffness_bound(self) -> Floats:
+        """(node_count, 3) twice the fictitious masses at free components, the unit of the shift."""
+        return np.where(self.free, 2.0 * self.relaxation.masses()[:, None], 0.0)
+
+    def _adapt_shift(self, fraction: float) -> None:
+        """Withdraw the shift after a full step, raise it after a short one."""
+        if self.shift == 0.0:
+            return
+        if fraction >= 1.0:
+            withdrawn = self.shift / _SHIFT_FACTOR if self.shift > _SMALLEST_SHIFT else 0.0
+            self.shift = max(withdrawn, -_MARGIN * self._lowest)
+        elif fraction < 0.25:
+            self.shift = min(self.shift * _SHIFT_FACTOR, _LARGEST_SHIFT)
+
+    def _backtrack(
+        self, position: Floats, energy: float, force: Floats, direction: Floats, loads: Floats
+    ) -> tuple[Floats, float, float] | None:
+        """The longest of the fractions 1, ½, ¼ … of a step that lowers the energy by a share of what its slope promises."""
+        slope = float(np.vdot(force, direction))
+        if not (np.isfinite(slope) and slope > 0.0):
+            return None
+        step = self.membrane.from_frames(direction)
+        noise = _ENERGY_NOISE * max(abs(energy), slope)
+        fraction = 1.0
+        while fraction >= _SHORTEST:
+            trial = position + fraction * step
+            self.membrane.set_displacement(trial)
+            reached = self._settled_energy(loads)
+            if np.isfinite(reached) and reached <= energy - _DECREASE * fraction * slope + noise:
+                best = (trial, reached, fraction)
+                gain = (energy - reached) / (fraction * (1.0 - 0.5 * fraction) * slope)
+                while gain < _POOR and fraction >= _SHORTEST and energy - reached > noise:
+                    fraction *= 0.5
+                    trial = position + fraction * step
+                    self.membrane.set_displacement(trial)
+                    reached = self._settled_energy(loads)
+                    if not reached < best[1] - noise:
+                        break
+                    best = (trial, reached, fraction)
+                self._return(best[0])
+                return best
+            fraction *= 0.5
+        self._return(position)
+        return None
