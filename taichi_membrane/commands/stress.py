@@ -33,14 +33,14 @@ def stress(full: bool, out: Path, only: list[str], jobs: int) -> int:
     for name in names:
         case = catalogue.CASES[name]()
         judged = judge(case, found[name])
-        reports.append(report.CaseReport(case, case.swept(full=full), tuple(judged)))
+        reports.append(report.SweepReport(case, case.swept(full=full), tuple(judged)))
         _print(reports[-1])
     for path in report.write(reports, out):
         typer.echo(f"wrote {path}", err=True)
     return _summary(reports)
 
 
-def _print(one: report.CaseReport) -> None:
+def _print(one: report.SweepReport) -> None:
     typer.echo(f"{one.case.title} ({one.case.parameter})")
     for solver, precision in report.SWEEPS:
         typer.echo(f"  {solver:<10} {precision}  safe up to {report.border_text(one.border(solver, precision))}")
@@ -50,7 +50,7 @@ def _print(one: report.CaseReport) -> None:
         typer.echo(f"  FALLS SHORT: the default solver has to be safe up to {one.case.required:g}")
 
 
-def _summary(reports: Sequence[report.CaseReport]) -> int:
+def _summary(reports: Sequence[report.SweepReport]) -> int:
     entries = [one for r in reports for one in r.judged]
     wrong, short = sum(len(r.wrong) for r in reports), [r.case.name for r in reports if r.short]
     known = sum(one.known for one in entries)

@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from taichi_membrane.assurance.verification import catalogue, report
-from taichi_membrane.assurance.verification.case import CaseResult, run_case
+from taichi_membrane.assurance.verification.benchmark import BenchmarkResult, run_benchmark
 
 CASE_FAILS = 1  # the exit code of a failing check too
 
@@ -24,7 +24,7 @@ def verify(full: bool, out: Path, only: list[str]) -> int:
     results = []
     for number, name in enumerate(names, 1):
         typer.echo(f"[{number}/{len(names)}] {name} ...", err=True)
-        results.append(run_case(catalogue.CASES[name](), full=full))
+        results.append(run_benchmark(catalogue.CASES[name](), full=full))
         _print(results[-1])
     for path in report.write(results, out):
         typer.echo(f"wrote {path}", err=True)
@@ -36,7 +36,7 @@ def verify(full: bool, out: Path, only: list[str]) -> int:
     return CASE_FAILS if failed else 0
 
 
-def _print(result: CaseResult) -> None:
+def _print(result: BenchmarkResult) -> None:
     typer.echo(f"{result.case.title} ({sum(result.seconds):.0f} s)")
     for one in result.quantities:
         _, name, ours, reference, error, allowed, order, *_ = report.line(result, one)

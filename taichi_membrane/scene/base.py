@@ -43,7 +43,7 @@ MOST = 1000  # entries of a table or list of a scene: each one may cost an array
 Count = Annotated[int, Field(ge=1, le=100_000)]
 
 
-class Model(BaseModel):
+class Record(BaseModel):
     """A frozen record that refuses keys it does not know."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)

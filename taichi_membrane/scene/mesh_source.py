@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from taichi_membrane.scene.base import Count, Model, Positive
+from taichi_membrane.scene.base import Count, Positive, Record
 
 
-class TubeShape(Model):
+class TubeShape(Record):
     """A straight tube along +x from 0 to ``length``, with or without caps."""
 
     shape: Literal["tube"]
@@ -22,7 +22,7 @@ class TubeShape(Model):
     pattern: Literal["staggered", "diagonal"] = "staggered"
 
 
-class ArchShape(Model):
+class ArchShape(Record):
     """A tube along a circular arc in the xz plane, feet on z = 0, open ends."""
 
     shape: Literal["arch"]
@@ -34,7 +34,7 @@ class ArchShape(Model):
     pattern: Literal["staggered", "diagonal"] = "staggered"
 
 
-class CushionShape(Model):
+class CushionShape(Record):
     """Two flat rectangular sheets in z = 0, seamed along their rim."""
 
     shape: Literal["cushion"]
@@ -45,7 +45,7 @@ class CushionShape(Model):
     pattern: Literal["diagonal", "alternating", "crossed"] = "alternating"
 
 
-class PanelShape(Model):
+class PanelShape(Record):
     """A flat rectangle in z = 0 with a corner at the origin."""
 
     shape: Literal["panel"]
@@ -56,7 +56,7 @@ class PanelShape(Model):
     pattern: Literal["diagonal", "alternating", "crossed"] = "diagonal"
 
 
-class SphereShape(Model):
+class SphereShape(Record):
     """A sphere about the origin: a subdivided octahedron."""
 
     shape: Literal["sphere"]
@@ -64,7 +64,7 @@ class SphereShape(Model):
     divisions: Annotated[int, Field(ge=1, le=3000)]
 
 
-class DiscShape(Model):
+class DiscShape(Record):
     """A flat disc in z = 0 about the origin; ring k has ``sectors`` · k nodes."""
 
     shape: Literal["disc"]
@@ -73,7 +73,7 @@ class DiscShape(Model):
     sectors: Annotated[int, Field(ge=3, le=64)] = 6
 
 
-class AnnulusShape(Model):
+class AnnulusShape(Record):
     """A flat ring in z = 0 about the origin, between two radii; nodes in staggered rings of ``around``."""
 
     shape: Literal["annulus"]
@@ -83,7 +83,7 @@ class AnnulusShape(Model):
     rings: Count
 
 
-class WedgeShape(Model):
+class WedgeShape(Record):
     """A sector of a flat disc in z = 0: apex at the origin, from the x axis counter-clockwise over ``angle`` degrees."""
 
     shape: Literal["wedge"]
@@ -93,13 +93,13 @@ class WedgeShape(Model):
     around: Count = 1
 
 
-class GivenMesh(Model):
+class GivenMesh(Record):
     """The mesh is handed to :func:`taichi_membrane.execution.run` as an object."""
 
     shape: Literal["given"]
 
 
-class MeshFile(Model):
+class MeshFile(Record):
     """A triangle mesh in any format meshio reads; a relative path is relative to the scene file."""
 
     shape: Literal["file"] = "file"

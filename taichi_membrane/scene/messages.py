@@ -34,7 +34,7 @@ _WANTED = {
 
 
 @dataclass(frozen=True)
-class Problem:
+class Fault:
     """One thing wrong: the dotted key it concerns (empty for the whole scene) and what is wrong."""
 
     key: str
@@ -53,7 +53,7 @@ class _Place:
     annotation: Any
 
 
-def first_problem(error: ValidationError, data: Any, model: type[BaseModel]) -> tuple[Problem, int]:
+def first_problem(error: ValidationError, data: Any, model: type[BaseModel]) -> tuple[Fault, int]:
     """The problem worth telling first, and the number of others.
 
     :param data: what was validated; names the items of lists.
@@ -63,7 +63,7 @@ def first_problem(error: ValidationError, data: Any, model: type[BaseModel]) -> 
     # A misspelt key is both unknown and missing; what was written tells more than what was not.
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     details, unread = details[:_MOST_READ], len(details[_MOST_READ:])
-    problems: dict[str, Problem] = {}
+    problems: dict[str, Fault] = {}
     explained: set[str] = set()
     for detail in details:
         place = _place(detail["loc"], data, model)
@@ -177,23 +177,23 @@ def _keys(table: type[BaseModel] | None) -> tuple[str, ...]:
     return tuple(table.model_fields) if table is not None else ()
 
 
-def _problem(detail: ErrorDetails, place: _Place) -> Problem:
+def _problem(detail: ErrorDetails, place: _Place) -> Fault:
     """Word one error; the tag errors concern the key of the tag inside the table they are reported for."""
     kind, context, given = detail["type"], detail.get("ctx", {}), detail["input"]
     if kind == "extra_forbidden":
-        return Problem(place.key, f"unknown key; {not_one_of(str(detail['loc'][-1]), _keys(place.table))}")
+        return Fault(place.key, f"unknown key; {not_one_of(str(detail['loc'][-1]), _keys(place.table))}")
     if kind == "union_tag_invalid":
         key = _joined(place.key, context["discriminator"].strip("'"))
         allowed = re.findall(r"'([^']*)'", context["expected_tags"])
-        return Problem(key, f"{shown(context['tag'])} is unknown; {not_one_of(str(context['tag']), allowed)}")
+        return Fault(key, f"{shown(context['tag'])} is unknown; {not_one_of(str(context['tag']), allowed)}")
     if kind == "union_tag_not_found":
         key = _joined(place.key, context["discriminator"].strip("'"))
         allowed = [tag for member in get_args(_bare(place.annotation)) for tag in _tags(member)]
-        return Problem(key, f"missing; allowed: {', '.join(allowed)}")
+        return Fault(key, f"missing; allowed: {', '.join(allowed)}")
     if kind == "literal_error":
         allowed = re.findall(r"'([^']*)'", context["expected"])
-        return Problem(place.key, f"{shown(given)} is unknown; {not_one_of(str(given), allowed)}")
-    return Problem(place.key, _text(kind, context, given, detail["msg"]))
+        return Fault(place.key, f"{shown(given)} is unknown; {not_one_of(str(given), allowed)}")
+    return Fault(place.key, _text(kind, context, given, detail["msg"]))
 
 
 def _text(kind: str, context: dict[str, Any], given: Any, message: str) -> str:

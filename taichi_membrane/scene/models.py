@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from taichi_membrane.names import SideStrain, WrinklingLaw
-from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Label, Model, Name, Positive, Vector
+from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Label, Name, Positive, Record, Vector
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
 from taichi_membrane.scene.support import Motion, Support
@@ -23,7 +23,7 @@ _FEW = Field(max_length=MOST)
 LARGEST_PICTURE = 8192 * 4320  # pixels; drawing takes about 150 bytes for each
 
 
-class Units(Model):
+class Units(Record):
     """The consistent units all numbers of a scene are in; only labels depend on them."""
 
     length: Literal["mm", "cm", "m", "in", "ft"]
@@ -52,14 +52,14 @@ class Units(Model):
         return f"{self.force}·{self.length}"
 
 
-class Group(Model):
+class Group(Record):
     """A named group chosen by coordinates, such as ``"x = 0 within 1e-6 and z > 3"``."""
 
     where: Annotated[str, Field(max_length=1000)]
     kind: Literal["nodes", "elements"] = "nodes"
 
 
-class Fabric(Model):
+class Fabric(Record):
     """An isotropic (``E``, ``nu``) or orthotropic (``E_warp``, ``E_weft``, ``nu``, ``G``) fabric.
 
     ``nu`` is the contraction in weft per extension in warp. ``warp`` is a direction that is projected on each element (default: the
@@ -116,7 +116,7 @@ class Fabric(Model):
         return float(self.G) if self.G is not None else self.warp_modulus / (2 * (1 + self.nu))
 
 
-class Pressure(Model):
+class Pressure(Record):
     """A surface that pressure acts on, by element group.
 
     ``follower`` pressure stays normal to the moving surface; ``fixed`` keeps direction and size of the unstressed shape. Pressures
@@ -130,7 +130,7 @@ class Pressure(Model):
     exponent: Annotated[float, Field(ge=1, le=2)] = 1.0
 
 
-class Load(Model):
+class Load(Record):
     """A dead load of unit factor; stages multiply it.
 
     ``kind``: ``total`` spreads a force over the nodes of a group, ``line`` is force per length along the mesh edges whose both
@@ -144,7 +144,7 @@ class Load(Model):
     spread: Literal["equal", "edges", "area"] = "equal"
 
 
-class Stage(Model):
+class Stage(Record):
     """A ramp, in ``steps`` equal load steps, from the state before to the given pressures, load and motion factors.
 
     What is not named keeps its value. ``until = "collapse"``: the stage is meant to meet its largest stable load on the way; the
@@ -177,7 +177,7 @@ class Stage(Model):
         return self
 
 
-class Check(Model):
+class Check(Record):
     """A probe's value at one load step against a reference; ``step`` counts from 1, or from the stage's end with -1 (of a stage
     that may end early, from the last step done).
 
@@ -201,7 +201,7 @@ class Check(Model):
         return self
 
 
-class Camera(Model):
+class Camera(Record):
     """How the pictures look; one camera and one colour range serve all steps of a run."""
 
     field: Literal["state", "fold_strain", "major_stress", "displacement"] = "state"
@@ -224,7 +224,7 @@ class Camera(Model):
         return value
 
 
-class CurveLine(Model):
+class CurveLine(Record):
     """A line across the curve plot at a value of x or of y."""
 
     label: Label
@@ -232,7 +232,7 @@ class CurveLine(Model):
     value: Finite
 
 
-class CurveReference(Model):
+class CurveReference(Record):
     """A reference curve, drawn beside the computed one."""
 
     label: Label
@@ -246,7 +246,7 @@ class CurveReference(Model):
         return self
 
 
-class Curve(Model):
+class Curve(Record):
     """What ``curve.png`` plots on each axis: a probe, ``pressure[.NAME]``, ``load.NAME``, ``motion.NAME`` or ``volume``.
 
     ``stage`` limits it to one stage (with the state before it as first point). ``x_scale`` and ``y_scale`` multiply, say -1 for a
@@ -264,7 +264,7 @@ class Curve(Model):
     references: list[CurveReference] = []
 
 
-class Solver(Model):
+class Solver(Record):
     """How equilibrium is found.
 
     ``tolerance``: 2-norm of the out-of-balance forces on free degrees of freedom over that of the applied forces, pressure
@@ -284,7 +284,7 @@ class Solver(Model):
     memory: Annotated[float, Field(gt=0, le=1e6)] | None = None
 
 
-class Modes(Model):
+class Modes(Record):
     """Modes computed at every load step of a stage (of all stages when None), Newton only.
 
     ``vibration``: lowest frequencies about the present state, in vacuo. ``buckling``: nearest loads at which the tangent,
@@ -296,7 +296,7 @@ class Modes(Model):
     stage: str | None = None
 
 
-class Scene(Model):
+class Scene(Record):
     """Everything a run needs."""
 
     name: Name

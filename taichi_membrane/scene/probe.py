@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from taichi_membrane.scene.base import Component, Direction, GroupName, Model, Vector
+from taichi_membrane.scene.base import Component, Direction, GroupName, Record, Vector
 
 
-class DisplacementProbe(Model):
+class DisplacementProbe(Record):
     """Mean displacement of a node group along x, y, z, or its ``magnitude``."""
 
     kind: Literal["displacement"]
@@ -17,7 +17,7 @@ class DisplacementProbe(Model):
     component: Literal["x", "y", "z", "magnitude"]
 
 
-class ReactionProbe(Model):
+class ReactionProbe(Record):
     """Sum of the support forces on a node group."""
 
     kind: Literal["reaction"]
@@ -25,7 +25,7 @@ class ReactionProbe(Model):
     component: Component
 
 
-class MomentProbe(Model):
+class MomentProbe(Record):
     """Moment of the support forces on a node group about an axis through a point, right-handed, on the deformed shape."""
 
     kind: Literal["moment"]
@@ -34,7 +34,7 @@ class MomentProbe(Model):
     through: Vector
 
 
-class RotationProbe(Model):
+class RotationProbe(Record):
     """Mean rotation, in degrees, of a node group about an axis through a point: least squares over its nodes."""
 
     kind: Literal["rotation"]
@@ -43,7 +43,7 @@ class RotationProbe(Model):
     through: Vector
 
 
-class RadiusProbe(Model):
+class RadiusProbe(Record):
     """Mean distance of a node group's deformed positions from an axis (through the group's middle), or from that middle."""
 
     kind: Literal["radius"]
@@ -51,13 +51,13 @@ class RadiusProbe(Model):
     axis: Component | Literal["centre"]
 
 
-class VolumeProbe(Model):
+class VolumeProbe(Record):
     """Volume enclosed by a closed body; for an open one, the volume swept since rest."""
 
     kind: Literal["volume"]
 
 
-class StressProbe(Model):
+class StressProbe(Record):
     """Extreme or area-mean principal stress of an element group."""
 
     kind: Literal["stress"]
@@ -66,7 +66,7 @@ class StressProbe(Model):
     reduce: Literal["max", "min", "mean"] = "max"
 
 
-class FactorProbe(Model):
+class FactorProbe(Record):
     """Value of a load's, motion's or pressure's factor, such as ``load.tip``: what a run that stops at collapse, or follows the
     equilibrium path, found."""
 
@@ -74,7 +74,7 @@ class FactorProbe(Model):
     of: Annotated[str, Field(pattern=r"^(load|motion|pressure)\.\w+$")]
 
 
-class AreaProbe(Model):
+class AreaProbe(Record):
     """Share (0 to 1) of an element group's area that is in a state."""
 
     kind: Literal["area_share"]

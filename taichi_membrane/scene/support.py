@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from taichi_membrane.scene.base import Direction, GroupName, Model, Vector
+from taichi_membrane.scene.base import Direction, GroupName, Record, Vector
 
 
 def _distinct(value: str) -> str:
@@ -19,7 +19,7 @@ def _distinct(value: str) -> str:
 Components = Annotated[str, Field(pattern=r"^[xyz]{1,3}$"), AfterValidator(_distinct)]
 
 
-class Support(Model):
+class Support(Record):
     """Displacement components of a node group that are held at zero: some of x, y, z, or the one along ``normal``.
 
     ``normal`` makes a plane of symmetry of any direction: the nodes slide in it.
@@ -36,7 +36,7 @@ class Support(Model):
         return self
 
 
-class Translation(Model):
+class Translation(Record):
     """A prescribed motion: the named components of a node group move by the stage's factor times ``direction``."""
 
     kind: Literal["translation"]
@@ -45,7 +45,7 @@ class Translation(Model):
     hold: Components = "xyz"
 
 
-class Rotation(Model):
+class Rotation(Record):
     """A prescribed motion: a node group turns rigidly by the stage's factor, in degrees, about an axis; finite angles.
 
     Only the components in ``hold`` are prescribed; the others stay free.

@@ -48,7 +48,7 @@ Report = Callable[[Progress], None] | None
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class Reached:
     """What a step from one load state towards another came to.
 
     :param reached: share of the step at which the membrane now is in equilibrium; 1 when the step is done.
@@ -148,7 +148,7 @@ class Equilibrium:
         shut = {self.model.pressure_names[one.number]: float(now[one.number]) for one in self.gas.chambers}
         return {**state.pressures, **shut}
 
-    def step(self, before: LoadState, after: LoadState, report: Report) -> Outcome:
+    def step(self, before: LoadState, after: LoadState, report: Report) -> Reached:
         """Go from an equilibrium at ``before`` to one at ``after``, or as far as there is a stable one.
 
         Where no equilibrium is found the membrane is back in the state it came from.
@@ -171,7 +171,7 @@ class Equilibrium:
             trouble = "" if record.converged else self._trouble()
         if not record.converged:
             self.membrane.set_displacement(start)
-        return Outcome(record, float(record.converged), trouble=trouble)
+        return Reached(record, float(record.converged), trouble=trouble)
 
     def _has_jumped(self, start: Floats) -> bool:
         """Whether Newton has gone so much further than the tangent at the start foretold that the state may lie beyond a limit."""
@@ -248,7 +248,7 @@ class Equilibrium:
         tried: SolveRecord,
         found: Floats | None,
         report: Report,
-    ) -> Outcome | None:
+    ) -> Reached | None:
         """Where load control found no equilibrium, or one that may lie on another branch: follow the path from the last one.
 
         :param found: what load control found.
@@ -276,12 +276,12 @@ class Equilibrium:
             self.membrane.set_displacement(_between(end, 1.0))
             self.apply(after)
             parts.append(self._newton(newton, after, self.reference(after), _NEWTON_PATIENCE, report))
-            return Outcome(joined(*parts), 1.0) if parts[-1].converged else None
+            return Reached(joined(*parts), 1.0) if parts[-1].converged else None
         if end.reason in ("limit", "bifurcation") and end.upper is not None:
             way = float(np.linalg.norm(end.last.position - start.position))
             if found is None or float(np.linalg.norm(found - end.last.position)) > _SNAP * way:
                 self.membrane.set_displacement(end.last.position)
-                return Outcome(joined(*parts), end.last.factor, (end.last.factor, end.upper))
+                return Reached(joined(*parts), end.last.factor, (end.last.factor, end.upper))
         return None  # a small jump: what load control found is the stable branch
 
     def _branch(

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from taichi_membrane.assurance.stability import catalogue, report
 from taichi_membrane.assurance.stability.bracket import Bracket
-from taichi_membrane.assurance.stability.case import CONVERGED, HONEST, WRONG, Case, Entry, Problem, border, judge
+from taichi_membrane.assurance.stability.case import CONVERGED, HONEST, WRONG, Entry, Problem, Sweep, border, judge
 from taichi_membrane.commands import stress as command
 from taichi_membrane.commands.cli import app
 from taichi_membrane.errors import InputError
@@ -28,13 +28,13 @@ def no_problem(level: float) -> Problem:
     raise AssertionError(f"nothing is run at {level}")
 
 
-def made_up(**changes: Any) -> Case:
+def made_up(**changes: Any) -> Sweep:
     """A case whose number has to be 2 within a per cent."""
     parts: dict[str, Any] = {
         "name": "made_up", "theme": "state", "title": "Made up", "setting": "Nothing.", "parameter": "load | none",
         "levels": LEVELS, "problem": no_problem, "against": "exact", "source": "nobody", "bound": 0.01, "required": 10.0,
     }  # fmt: skip
-    return Case(**(parts | changes))
+    return Sweep(**(parts | changes))
 
 
 def entry(level: float = 1.0, **changes: Any) -> Entry:
@@ -164,10 +164,10 @@ def test_border_is_the_last_level_before_the_first_that_is_not_right() -> None:
     assert found(True) == (1.0, 10.0)  # the second was never run
 
 
-def reported(entries: Sequence[Entry], **changes: Any) -> report.CaseReport:
+def reported(entries: Sequence[Entry], **changes: Any) -> report.SweepReport:
     """A report of the default set."""
     case = made_up(**changes)
-    return report.CaseReport(case, case.levels, tuple(judge(case, entries)))
+    return report.SweepReport(case, case.levels, tuple(judge(case, entries)))
 
 
 def test_a_default_solver_that_gives_way_early_falls_short() -> None:

@@ -65,8 +65,8 @@ class Problem:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
-    """A sweep.
+class Sweep:
+    """A parameter swept from benign to extreme, with what the answers are held against.
 
     :param parameter: what the levels are values of.
     :param levels: from benign to extreme; ``more_levels`` follow with ``--full``.
@@ -161,7 +161,7 @@ class Bench:
         self.limits = {} if full else LIMITS
         self._compiled: list[Any] = []
 
-    def run(self, case: Case, level: float, solver: Solver) -> Entry:
+    def run(self, case: Sweep, level: float, solver: Solver) -> Entry:
         """Solve one level of a case with one solver."""
         problem = case.problem(level)
         started = time.perf_counter()
@@ -288,12 +288,12 @@ def largest_eigenvalue(work: Any) -> float:
     )
 
 
-def judge(case: Case, entries: Sequence[Entry]) -> list[Judged]:
+def judge(case: Sweep, entries: Sequence[Entry]) -> list[Judged]:
     """Verdicts on all entries of a case, of any solvers and precisions."""
     return [_verdict(case, entry, entries) for entry in entries]
 
 
-def _references(case: Case, entry: Entry, entries: Sequence[Entry]) -> list[Mapping[str, float]]:
+def _references(case: Sweep, entry: Entry, entries: Sequence[Entry]) -> list[Mapping[str, float]]:
     """What the entry's numbers may agree with; empty where there is nothing."""
     if case.against == "exact":
         return [entry.exact]
@@ -307,7 +307,7 @@ def _references(case: Case, entry: Entry, entries: Sequence[Entry]) -> list[Mapp
     return [one.values for one in others or peers]
 
 
-def _verdict(case: Case, entry: Entry, entries: Sequence[Entry]) -> Judged:
+def _verdict(case: Sweep, entry: Entry, entries: Sequence[Entry]) -> Judged:
     error = None
     references = _references(case, entry, entries)
     if entry.converged and references:
@@ -329,7 +329,7 @@ def _verdict(case: Case, entry: Entry, entries: Sequence[Entry]) -> Judged:
     )
 
 
-def _what_is_wrong(case: Case, entry: Entry, error: float | None) -> str:
+def _what_is_wrong(case: Sweep, entry: Entry, error: float | None) -> str:
     """Why an entry is a fault of the program; empty when it is not."""
     if not entry.finite:
         return "a number that is not finite left the program"
@@ -351,7 +351,7 @@ def _what_is_wrong(case: Case, entry: Entry, error: float | None) -> str:
     return ""
 
 
-def _of_its_own(case: Case, entry: Entry) -> bool:
+def _of_its_own(case: Sweep, entry: Entry) -> bool:
     """Whether a state that differs from the peers' is an equilibrium that a much smaller residual confirms."""
     return case.against == "peers" and entry.moved is not None and entry.moved <= case.bound
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from taichi_membrane.assurance.stability import geometry, loading, material, state
-from taichi_membrane.assurance.stability.case import Case
+from taichi_membrane.assurance.stability.case import Sweep
 from taichi_membrane.errors import InputError
 
-CASES: dict[str, Callable[[], Case]] = {
+CASES: dict[str, Callable[[], Sweep]] = {
     make.__name__: make for theme in (material, geometry, state, loading) for make in theme.CASES
 }
 

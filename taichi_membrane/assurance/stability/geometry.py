@@ -9,7 +9,7 @@ import numpy as np
 
 from taichi_membrane import shapes
 from taichi_membrane.assurance.stability import structures
-from taichi_membrane.assurance.stability.case import Case, Problem
+from taichi_membrane.assurance.stability.case import Problem, Sweep
 from taichi_membrane.assurance.stability.structures import Floats
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.simulation.results import StepResult
@@ -33,14 +33,14 @@ def _patch(mesh: Mesh) -> Problem:
     )  # fmt: skip
 
 
-def aspect() -> Case:
+def aspect() -> Sweep:
     """A panel in its plane whose triangles all are long and thin."""
 
     def problem(level: float) -> Problem:
         lines = np.linspace(0.0, 1.0, 7)
         return _patch(structures.graded_panel(level * lines, lines**0.9))
 
-    return Case(
+    return Sweep(
         name="aspect", theme="geometry", title="Aspect ratio", parameter="length/height of triangles",
         setting="Panel in its plane, 6 × 6 cells, equal stresses both ways.",
         levels=(1e0, 1e1, 1e2, 1e3, 1e4), more_levels=(1e5, 1e6), problem=problem,
@@ -48,7 +48,7 @@ def aspect() -> Case:
     )  # fmt: skip
 
 
-def strip() -> Case:
+def strip() -> Sweep:
     """A strip blown up to an arc, its triangles ever longer along the strip."""
     cells = 8
 
@@ -76,7 +76,7 @@ def strip() -> Case:
             mesh=mesh, measure=measure,
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="strip", theme="geometry", title="Aspect ratio, inflated", parameter="length/height of triangles",
         setting="Flat strip, long edges held, no motion lengthwise, p w/(E t) = 0.01: every triangle is stretched lengthwise.",
         levels=(1e0, 1e1, 1e2, 1e3, 1e4), more_levels=(1e5, 1e6), problem=problem,
@@ -84,14 +84,14 @@ def strip() -> Case:
     )  # fmt: skip
 
 
-def sliver() -> Case:
+def sliver() -> Sweep:
     """A row of slivers inside a panel: two grid lines nearly fall together."""
 
     def problem(level: float) -> Problem:
         x = np.array([0.0, 0.2, 0.4, 0.5, 0.5 + level, 0.8, 1.0])
         return _patch(structures.graded_panel(x, np.linspace(0.0, 1.0, 7)))
 
-    return Case(
+    return Sweep(
         name="sliver", theme="geometry", title="Slivers", parameter="width of a column of cells",
         setting="Panel in its plane, 6 × 6 cells, one column narrow, equal stresses both ways.",
         levels=(1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6), more_levels=(1e-7, 1e-8, 1e-9), problem=problem,
@@ -99,7 +99,7 @@ def sliver() -> Case:
     )  # fmt: skip
 
 
-def needle() -> Case:
+def needle() -> Sweep:
     """Needles on a curved wall: one node of a sphere next to another."""
 
     def problem(level: float) -> Problem:
@@ -117,7 +117,7 @@ def needle() -> Case:
 
         return Problem(scene=structures.ball(0.1), mesh=mesh, measure=measure)
 
-    return Case(
+    return Sweep(
         name="needle", theme="geometry", title="Needles on a sphere", parameter="shortest/usual edge",
         setting="Sphere of 128 triangles, one edge shortened, inflated with p R/(E t) = 0.1.",
         levels=(1e0, 1e-1, 1e-2, 1e-3, 1e-4), more_levels=(1e-5, 1e-6, 1e-7), problem=problem,
@@ -125,7 +125,7 @@ def needle() -> Case:
     )  # fmt: skip
 
 
-def grading() -> Case:
+def grading() -> Sweep:
     """Cells that grow geometrically from one edge of a panel to the other."""
 
     def problem(level: float) -> Problem:
@@ -133,7 +133,7 @@ def grading() -> Case:
         lines = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
         return _patch(structures.graded_panel(lines, lines))
 
-    return Case(
+    return Sweep(
         name="grading", theme="geometry", title="Jumps of edge length", parameter="longest/shortest edge",
         setting="Panel in its plane, 8 × 8 cells that grow geometrically both ways, equal stresses both ways.",
         levels=(1e0, 1e1, 1e2, 1e3, 1e4), more_levels=(1e5, 1e6), problem=problem,
@@ -141,7 +141,7 @@ def grading() -> Case:
     )  # fmt: skip
 
 
-def smallest() -> Case:
+def smallest() -> Sweep:
     """Meshes of one, two and four triangles."""
 
     def problem(level: float) -> Problem:
@@ -176,24 +176,24 @@ def smallest() -> Case:
 
         return Problem(scene=scene, mesh=mesh, measure=measure, exact={"x": 1.0, "y": 1.0})
 
-    return Case(
+    return Sweep(
         name="smallest", theme="geometry", title="Few triangles", parameter="triangles",
         setting="Square of four triangles and of two, and one triangle alone, in their plane, equal stresses both ways.",
         levels=(4.0, 2.0, 1.0), problem=problem, against="exact", source=_LINEAR, bound=0.01, required=1.0,
     )  # fmt: skip
 
 
-def small() -> Case:
+def small() -> Sweep:
     """A sphere from metres down to nanometres."""
     return _sized("small", "Very small structures", (1e0, 1e-3, 1e-6, 1e-9), (1e-12, 1e-15), 1e-6)
 
 
-def large() -> Case:
+def large() -> Sweep:
     """A sphere from metres up to gigametres."""
     return _sized("large", "Very large structures", (1e0, 1e3, 1e6, 1e9), (1e12, 1e15), 1e6)
 
 
-def _sized(name: str, title: str, levels: tuple[float, ...], more: tuple[float, ...], required: float) -> Case:
+def _sized(name: str, title: str, levels: tuple[float, ...], more: tuple[float, ...], required: float) -> Sweep:
     def problem(level: float) -> Problem:
         def measure(mesh: Mesh, steps: Sequence[StepResult]) -> dict[str, float]:
             return {"stretch": structures.ball_stretch(mesh, steps)}
@@ -201,7 +201,7 @@ def _sized(name: str, title: str, levels: tuple[float, ...], more: tuple[float, 
         mesh = structures.ball_mesh(radius=level)
         return Problem(scene=structures.ball(0.5, radius=level), mesh=mesh, measure=measure)
 
-    return Case(
+    return Sweep(
         name=name, theme="geometry", title=title, parameter="radius [length]",
         setting="Sphere with t = R inflated with p/E = 0.5: all lengths in proportion.",
         levels=levels, more_levels=more, problem=problem,
@@ -209,7 +209,7 @@ def _sized(name: str, title: str, levels: tuple[float, ...], more: tuple[float, 
     )  # fmt: skip
 
 
-def offset() -> Case:
+def offset() -> Sweep:
     """A sphere ever farther from the origin."""
 
     def problem(level: float) -> Problem:
@@ -218,7 +218,7 @@ def offset() -> Case:
 
         return Problem(scene=structures.ball(0.5), mesh=structures.ball_mesh(offset=2.0 * level), measure=measure)
 
-    return Case(
+    return Sweep(
         name="offset", theme="geometry", title="Far from the origin", parameter="distance/diameter",
         setting="Sphere inflated with p R/(E t) = 0.5; coordinates keep 16 digits, so at 1e8 diameters the mesh itself has 8.",
         levels=(0.0, 1e2, 1e4, 1e6, 1e8), more_levels=(1e10, 1e12), problem=problem,
@@ -226,7 +226,7 @@ def offset() -> Case:
     )  # fmt: skip
 
 
-def numbering() -> Case:
+def numbering() -> Sweep:
     """The loaded beam with its nodes, triangles and corners in random order."""
 
     def problem(level: float) -> Problem:
@@ -234,7 +234,7 @@ def numbering() -> Case:
         mesh = _shuffled(ordered, int(level)) if level else ordered
         return Problem(scene=structures.beam() | {"mesh": structures.GIVEN}, mesh=mesh, measure=structures.beam_tip)
 
-    return Case(
+    return Sweep(
         name="numbering", theme="geometry", title="Random numbering", parameter="seed of the permutation (0: none)",
         setting="Beam, inflated and loaded to 60 % of collapse.",
         levels=(0.0, 1.0, 2.0), more_levels=(3.0, 4.0, 5.0), problem=problem,
@@ -257,7 +257,7 @@ def _shuffled(mesh: Mesh, seed: int) -> Mesh:
     return Mesh.build(points, triangles, groups, None, warp)
 
 
-def turned() -> Case:
+def turned() -> Sweep:
     """The beam turned to any direction: nothing may depend on the axes."""
 
     def problem(level: float) -> Problem:
@@ -278,7 +278,7 @@ def turned() -> Case:
         mesh = Mesh.build(mesh.points @ rotation.T, mesh.triangles, mesh.node_groups, None, mesh.tri_warp @ rotation.T)
         return Problem(scene=scene, mesh=mesh, measure=measure)
 
-    return Case(
+    return Sweep(
         name="turned", theme="geometry", title="Turned in space", parameter="degrees about (1, 2, 3)",
         setting="Beam, inflated and loaded to 60 % of collapse.",
         levels=(0.0, 1.0, 37.0, 90.0, 180.0), problem=problem,

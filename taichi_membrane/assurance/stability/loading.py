@@ -9,7 +9,7 @@ import numpy as np
 
 from taichi_membrane import shapes
 from taichi_membrane.assurance.stability import structures
-from taichi_membrane.assurance.stability.case import Case, Problem
+from taichi_membrane.assurance.stability.case import Problem, Sweep
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.simulation.results import StepResult
 
@@ -17,7 +17,7 @@ PEERS = "the other solvers in double precision"
 _X_AXIS = {"axis": [1.0, 0.0, 0.0], "through": [0.0, 0.0, 0.0]}
 
 
-def single_node() -> Case:
+def single_node() -> Sweep:
     """All of the load on the one node at the top of the beam's end ring."""
 
     def problem(level: float) -> Problem:
@@ -31,7 +31,7 @@ def single_node() -> Case:
 
         return Problem(scene=scene, measure=measure)
 
-    return Case(
+    return Sweep(
         name="single_node", theme="load", title="Load on a single node", parameter="load/collapse load", problem=problem,
         setting="Beam, its end load on one node of the ring, pressing down: it dents the fabric.",
         levels=(0.01, 0.1, 0.3, 0.6, 0.8), more_levels=(0.9, 1.0, 2.0, 5.0),
@@ -39,7 +39,7 @@ def single_node() -> Case:
     )  # fmt: skip
 
 
-def collapse() -> Case:
+def collapse() -> Sweep:
     """A slender tube up to its collapse load, and beyond."""
     length, pressure = 12.0, 1e-3
     largest = 1.049836  # on this mesh, by load steps of 5e-5 and arc length in the last
@@ -51,7 +51,7 @@ def collapse() -> Case:
         scene["stages"] = [{"name": "inflate", "pressure": pressure}, {"name": "load", "loads": {"tip": level}}]
         return Problem(scene=scene, measure=structures.beam_tip, collapse={"load.tip": largest})
 
-    return Case(
+    return Sweep(
         name="collapse", theme="load", title="Collapse", parameter="load/π p r³ L⁻¹", problem=problem,
         setting="Tube clamped at one end, L = 12 r, p r/(E t) = 1e-3, its end load in one step. Small steps follow this "
         "mesh's path up to 1.049836: 1.0488 is 0.999 of it. Beyond, a solver may find the fallen tube, or says that there is "
@@ -61,7 +61,7 @@ def collapse() -> Case:
     )  # fmt: skip
 
 
-def snap() -> Case:
+def snap() -> Sweep:
     """A shallow six-sided tent whose tip is pushed down, up to where it snaps through, and beyond: one degree of freedom."""
     sides, rise = 6, 0.1
     inner = math.cos(math.pi / sides)
@@ -95,7 +95,7 @@ def snap() -> Case:
             mesh=mesh, measure=measure, exact={"height": height(level) / rise}, collapse={"load.push": 1.0},
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="snap", theme="load", title="Snap-through", parameter="load/largest stable load", problem=problem,
         setting="Six-sided tent of rise 0.1 R without wrinkling, its tip pushed down in one step; beyond its largest stable load "
         "it hangs, and a solver finds that or brackets the largest load.",
@@ -104,7 +104,7 @@ def snap() -> Case:
     )  # fmt: skip
 
 
-def large_steps() -> Case:
+def large_steps() -> Sweep:
     """Pressure and load at once, in ever fewer steps."""
 
     def problem(level: float) -> Problem:
@@ -116,7 +116,7 @@ def large_steps() -> Case:
         ]  # fmt: skip
         return Problem(scene=scene, measure=structures.beam_tip)
 
-    return Case(
+    return Sweep(
         name="large_steps", theme="load", title="Steps too large", parameter="steps", problem=problem,
         setting="Beam, pressure and 80 % of the collapse load rising together from nothing.",
         levels=(100.0, 30.0, 10.0, 3.0, 1.0),
@@ -124,7 +124,7 @@ def large_steps() -> Case:
     )  # fmt: skip
 
 
-def failing_pressure() -> Case:
+def failing_pressure() -> Sweep:
     """The loaded beam loses its pressure."""
     share = 0.4
 
@@ -133,7 +133,7 @@ def failing_pressure() -> Case:
         scene["stages"].append({"name": "leak", "steps": 4, "pressure": level * share * structures.BEAM_PRESSURE})
         return Problem(scene=scene, measure=structures.beam_tip)
 
-    return Case(
+    return Sweep(
         name="failing_pressure", theme="load", title="Pressure that fails",
         parameter="pressure/pressure of collapse", problem=problem,
         setting="Beam at 40 % of its collapse load, the pressure let off in four steps; below 1 it folds and hangs.",
@@ -142,7 +142,7 @@ def failing_pressure() -> Case:
     )  # fmt: skip
 
 
-def torsion() -> Case:
+def torsion() -> Sweep:
     """A tube turned until every triangle is wrinkled."""
     radius, length, pressure, nu = 1.0, 3.0, 1e-3, 0.3
     limit = math.sqrt(2.0) * math.pi * pressure * radius**3
@@ -175,7 +175,7 @@ def torsion() -> Case:
             measure=measure, exact=exact,
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="torsion", theme="load", title="Torsion", parameter="turn/turn at the wrinkling torque", problem=problem,
         setting="Tube 16 around, its ends held round, p r/(E t) = 1e-3, turned in one step.",
         levels=(0.5, 1.0, 2.0, 5.0, 10.0, 20.0), more_levels=(50.0, 100.0, 200.0),
@@ -183,7 +183,7 @@ def torsion() -> Case:
     )  # fmt: skip
 
 
-def moment() -> Case:
+def moment() -> Sweep:
     """A tube bent by a couple at its end, up to and beyond the moment at which it is wrinkled all over."""
 
     def problem(level: float) -> Problem:
@@ -204,7 +204,7 @@ def moment() -> Case:
         mesh = Mesh.build(mesh.points, mesh.triangles, groups, None, mesh.tri_warp)
         return Problem(scene=scene, mesh=mesh, measure=structures.beam_tip)
 
-    return Case(
+    return Sweep(
         name="moment", theme="load", title="Bending moment", parameter="moment/π p r³", problem=problem,
         setting="Beam bent by forces along its axis, pulling at the upper half of its end ring and pushing at the lower; they keep "
         "their direction. Arc length finds the largest stable moment of this mesh at 0.867; beyond, the end may jump to where the "

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from taichi_membrane.assurance.stability import structures
-from taichi_membrane.assurance.stability.case import Case, Problem
+from taichi_membrane.assurance.stability.case import Problem, Sweep
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.simulation.results import StepResult
 
@@ -15,14 +15,14 @@ PEERS = "the other solvers in double precision"
 _SMALL = 1e-7  # strain at which linear elasticity is right to as much
 
 
-def warp_weft() -> Case:
+def warp_weft() -> Sweep:
     """The beam with its axial threads ever stiffer than its hoop threads."""
 
     def problem(level: float) -> Problem:
         fabric = {"E_warp": level, "E_weft": 1.0, "nu": 0.3, "G": 0.3, "thickness": 1.0}
         return Problem(scene=structures.beam(fabric), measure=structures.beam_tip)
 
-    return Case(
+    return Sweep(
         name="warp_weft", theme="material", title="E_warp/E_weft", parameter="E_warp/E_weft",
         setting="Beam, inflated and loaded to 60 % of collapse: p r/(E_weft t) = 0.01, G = 0.3 E_weft, ν = 0.3.",
         levels=(1e0, 1e1, 1e2, 1e3, 1e4, 1e5), more_levels=(1e6, 1e7, 1e8), problem=problem,
@@ -30,14 +30,14 @@ def warp_weft() -> Case:
     )  # fmt: skip
 
 
-def weft_warp() -> Case:
+def weft_warp() -> Sweep:
     """The same with its hoop threads the stiffer ones."""
 
     def problem(level: float) -> Problem:
         fabric = {"E_warp": 1.0, "E_weft": level, "nu": 0.3 / level, "G": 0.3, "thickness": 1.0}
         return Problem(scene=structures.beam(fabric), measure=structures.beam_tip)
 
-    return Case(
+    return Sweep(
         name="weft_warp", theme="material", title="E_weft/E_warp", parameter="E_weft/E_warp",
         setting="Beam, inflated and loaded to 60 % of collapse: p r/(E_warp t) = 0.01, G = 0.3 E_warp.",
         levels=(1e0, 1e1, 1e2, 1e3, 1e4, 1e5), more_levels=(1e6, 1e7, 1e8), problem=problem,
@@ -45,14 +45,14 @@ def weft_warp() -> Case:
     )  # fmt: skip
 
 
-def shear() -> Case:
+def shear() -> Sweep:
     """The beam with a shear modulus going to nothing."""
 
     def problem(level: float) -> Problem:
         fabric = {"E_warp": 1.0, "E_weft": 1.0, "nu": 0.3, "G": level, "thickness": 1.0}
         return Problem(scene=structures.beam(fabric), measure=structures.beam_tip)
 
-    return Case(
+    return Sweep(
         name="shear", theme="material", title="Weak in shear", parameter="G/E",
         setting="Beam, inflated and loaded to 60 % of collapse: p r/(E t) = 0.01, ν = 0.3.",
         levels=(1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6), more_levels=(1e-7, 1e-8, 1e-9), problem=problem,
@@ -60,7 +60,7 @@ def shear() -> Case:
     )  # fmt: skip
 
 
-def poisson() -> Case:
+def poisson() -> Sweep:
     """Equal stresses both ways in a sheet that resists changes of area more and more."""
 
     def problem(level: float) -> Problem:
@@ -75,7 +75,7 @@ def poisson() -> Case:
             exact={"x": 1.0, "y": 1.0, "deviation": 1.0},
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="poisson", theme="material", title="Poisson's ratio near 1", parameter="1 - ν",
         setting="Isotropic square in its plane, equal stresses 1e-7 E both ways, 6 × 6 uneven cells.",
         levels=(1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8), more_levels=(1e-10, 1e-12), problem=problem,
@@ -83,7 +83,7 @@ def poisson() -> Case:
     )  # fmt: skip
 
 
-def compliance() -> Case:
+def compliance() -> Sweep:
     """An orthotropic sheet whose compliance is nearly singular, stressed where it is stiff and where it is not."""
 
     def problem(level: float) -> Problem:
@@ -101,7 +101,7 @@ def compliance() -> Case:
             exact={"warp": 1.0, "weft": 1.0},
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="compliance", theme="material", title="Compliance nearly singular", parameter="1 - ν/ν_max",
         setting="Orthotropic square in its plane, E_warp/E_weft = 100, ν_max = 10, equal stresses 1e-7 E_weft both ways.",
         levels=(1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8), more_levels=(1e-10, 1e-12), problem=problem,
@@ -109,7 +109,7 @@ def compliance() -> Case:
     )  # fmt: skip
 
 
-def thickness() -> Case:
+def thickness() -> Sweep:
     """A strip of two thicknesses in series, pulled lengthwise."""
 
     def problem(level: float) -> Problem:
@@ -139,7 +139,7 @@ def thickness() -> Case:
             mesh=mesh, measure=measure, exact={"end": 1.0},
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="thickness", theme="material", title="Jump of thickness", parameter="thick/thin",
         setting="Strip of two halves in series, N = 1e-7 E t of the thin one.",
         levels=(1e0, 1e1, 1e2, 1e3, 1e4, 1e5), more_levels=(1e6, 1e7), problem=problem,
@@ -147,7 +147,7 @@ def thickness() -> Case:
     )  # fmt: skip
 
 
-def stiff_patch() -> Case:
+def stiff_patch() -> Sweep:
     """The beam with a much stiffer patch on its upper side, where it is pulled."""
 
     def problem(level: float) -> Problem:
@@ -157,7 +157,7 @@ def stiff_patch() -> Case:
         scene["fabrics"] = {"patch": patch}
         return Problem(scene=scene, measure=structures.beam_tip)
 
-    return Case(
+    return Sweep(
         name="stiff_patch", theme="material", title="Patch of stiffer fabric", parameter="E of the patch/E",
         setting="Beam, inflated and loaded to 60 % of collapse, with a patch over a third of its upper side.",
         levels=(1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6), more_levels=(1e7, 1e8), problem=problem,

@@ -21,9 +21,9 @@ from taichi_membrane.assurance.stability.case import (
     STABLE_EIGENVALUE,
     WRONG,
     Border,
-    Case,
     Judged,
     Solver,
+    Sweep,
     border,
 )
 from taichi_membrane.names import Precision
@@ -49,13 +49,13 @@ _LONGEST_REASON = 160  # characters in a table; the CSV has all
 
 
 @dataclass(frozen=True)
-class CaseReport:
+class SweepReport:
     """A case with its judged entries.
 
     :param levels: those of the set that was run.
     """
 
-    case: Case
+    case: Sweep
     levels: tuple[float, ...]
     judged: tuple[Judged, ...]
 
@@ -79,7 +79,7 @@ class CaseReport:
         return safe is None or self.levels.index(safe) < self.levels.index(self.case.required)
 
 
-def write(reports: Sequence[CaseReport], directory: Path) -> list[Path]:
+def write(reports: Sequence[SweepReport], directory: Path) -> list[Path]:
     """Write ``stability.md``, ``.csv`` and ``.png`` into the directory; returns their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = [directory / f"stability.{suffix}" for suffix in ("md", "csv", "png")]
@@ -98,7 +98,7 @@ def border_text(found: Border) -> str:
     return f"{'nowhere' if found.safe is None else format(found.safe, 'g')}; gives way at {found.breaks:g}"
 
 
-def markdown(reports: Sequence[CaseReport]) -> str:
+def markdown(reports: Sequence[SweepReport]) -> str:
     """The table of borders, then every case with its entries."""
     count = {word: sum(one.verdict == word for r in reports for one in r.judged) for word in (CONVERGED, HONEST, WRONG)}
     known = sum(one.known for r in reports for one in r.judged)
@@ -126,7 +126,7 @@ def markdown(reports: Sequence[CaseReport]) -> str:
     return "\n".join(parts) + "\n"
 
 
-def _section(report: CaseReport) -> list[str]:
+def _section(report: SweepReport) -> list[str]:
     """One case: what it is, and its entries."""
     case = report.case
     parts = [f"## {case.name}: {case.title}", "", case.setting]
@@ -181,7 +181,7 @@ def _shortened(text: str) -> str:
     return text if len(text) <= _LONGEST_REASON else text[: _LONGEST_REASON - 1] + "…"
 
 
-def comma_separated(reports: Sequence[CaseReport]) -> str:
+def comma_separated(reports: Sequence[SweepReport]) -> str:
     """Every entry, one row each."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -211,7 +211,7 @@ def _cell(value: float | None) -> str:
     return "" if value is None else f"{value:.6g}"
 
 
-def draw(reports: Sequence[CaseReport], path: Path) -> None:
+def draw(reports: Sequence[SweepReport], path: Path) -> None:
     """One picture: a row per case, a panel per solver, a cell per level in the colour of its verdict."""
     widest = max(len(report.levels) for report in reports)
     figure = Figure(
@@ -238,7 +238,7 @@ def draw(reports: Sequence[CaseReport], path: Path) -> None:
     figure.savefig(path, format="png")
 
 
-def _draw_panel(axes: Axes, reports: Sequence[CaseReport], solver: str, precision: str, widest: int) -> None:
+def _draw_panel(axes: Axes, reports: Sequence[SweepReport], solver: str, precision: str, widest: int) -> None:
     axes.set_title(f"{solver}, {precision}", fontsize=FONT["label"], fontweight="bold", color=INK)
     axes.set_xlim(-0.05, widest + 0.05)
     axes.set_xticks([])
@@ -261,7 +261,7 @@ def _draw_panel(axes: Axes, reports: Sequence[CaseReport], solver: str, precisio
             axes.plot([edge, edge], [row - 0.5, row + 0.5], color=INK, lw=2.0, solid_capstyle="butt")
 
 
-def _row_name(case: Case) -> str:
+def _row_name(case: Sweep) -> str:
     """What a row of the picture is a sweep of."""
     return case.title if case.title == case.parameter else f"{case.title}: {case.parameter}"
 

@@ -10,7 +10,7 @@ from scipy import optimize
 
 from taichi_membrane import shapes
 from taichi_membrane.assurance.stability import structures
-from taichi_membrane.assurance.stability.case import Case, Problem
+from taichi_membrane.assurance.stability.case import Problem, Sweep
 from taichi_membrane.assurance.verification import closed_forms
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.simulation.results import StepResult
@@ -35,9 +35,9 @@ def _sphere(pressure: float) -> Problem:
     )  # fmt: skip
 
 
-def faint() -> Case:
+def faint() -> Sweep:
     """A sphere under hardly any pressure, and none."""
-    return Case(
+    return Sweep(
         name="faint", theme="state", title="Hardly any pressure", parameter="p R/(E t)", problem=_sphere,
         setting="Sphere of 288 triangles. The facets make it a few per cent too stiff or too soft.",
         levels=(1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 0.0), more_levels=(1e-14, 1e-16), floor=1e-12,
@@ -45,9 +45,9 @@ def faint() -> Case:
     )  # fmt: skip
 
 
-def burst() -> Case:
+def burst() -> Sweep:
     """A sphere blown up far beyond what any fabric stands."""
-    return Case(
+    return Sweep(
         name="burst", theme="state", title="Enormous pressure", parameter="p R/(E t)", problem=_sphere,
         setting="Sphere of 288 triangles, in one step from rest.",
         levels=(1e0, 1e1, 1e2, 1e3, 1e4), more_levels=(1e5, 1e6, 1e8),
@@ -55,7 +55,7 @@ def burst() -> Case:
     )  # fmt: skip
 
 
-def flat() -> Case:
+def flat() -> Sweep:
     """A cushion of two exactly flat sheets."""
 
     def problem(level: float) -> Problem:
@@ -80,7 +80,7 @@ def flat() -> Case:
             measure=measure,
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="flat", theme="state", title="Exactly flat start", parameter="p w/(E t)", problem=problem,
         setting="Square cushion, 8 × 8 cells a sheet, its seam in a plane; the volume in one step from none.",
         levels=(1e0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5), more_levels=(1e-6, 1e-7, 1e-8),
@@ -88,7 +88,7 @@ def flat() -> Case:
     )  # fmt: skip
 
 
-def far() -> Case:
+def far() -> Sweep:
     """A tube that starts from a crumpled shape."""
 
     def problem(level: float) -> Problem:
@@ -102,7 +102,7 @@ def far() -> Case:
         scene = structures.beam() | {"stages": [{"name": "inflate", "pressure": structures.BEAM_PRESSURE}]}
         return Problem(scene=scene, start=start, measure=measure)
 
-    return Case(
+    return Sweep(
         name="far", theme="state", title="Far from equilibrium", parameter="random displacement/radius", problem=problem,
         setting="Tube under pressure, every node displaced at random before the first step; the side of a triangle is 0.5 radii.",
         levels=(0.0, 1e-3, 1e-2, 1e-1, 0.3, 1.0), more_levels=(3.0, 10.0),
@@ -110,7 +110,7 @@ def far() -> Case:
     )  # fmt: skip
 
 
-def slack() -> Case:
+def slack() -> Sweep:
     """A strip far longer than the gap it spans, under ever less pressure: an arc, and slack on the way."""
     share, cells = 0.9, 16
 
@@ -137,7 +137,7 @@ def slack() -> Case:
             mesh=mesh, measure=measure, exact={"rise": 1.0},
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="slack", theme="state", title="Slack strip", parameter="p w/(E t)", problem=problem,
         setting="Flat strip, 16 × 4 cells, its ends brought together by a tenth under pressure.",
         levels=(1e-3, 1e-4, 1e-5, 1e-6, 1e-7), more_levels=(1e-8, 1e-9, 1e-10),
@@ -145,7 +145,7 @@ def slack() -> Case:
     )  # fmt: skip
 
 
-def compressed() -> Case:
+def compressed() -> Sweep:
     """A tube pushed together at its ends without pressure: nothing carries, everything is slack or folded."""
 
     def problem(level: float) -> Problem:
@@ -166,7 +166,7 @@ def compressed() -> Case:
             measure=measure, exact={"force": 0.0, "energy": 0.0},
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="compressed", theme="state", title="Compression only", parameter="shortening/length", problem=problem,
         setting="Open tube without pressure, both rings held, one moved towards the other; force over E t r, energy over E t r².",
         levels=(1e-6, 1e-4, 1e-2, 1e-1, 0.5, 0.9), more_levels=(0.99, 1.5), floor=1.0,
@@ -174,7 +174,7 @@ def compressed() -> Case:
     )  # fmt: skip
 
 
-def inverted() -> Case:
+def inverted() -> Sweep:
     """A shallow dome pushed through: it starts on the wrong side of its rim and has to snap back."""
 
     def problem(level: float) -> Problem:
@@ -199,7 +199,7 @@ def inverted() -> Case:
             mesh=mesh, start=start, measure=measure,
         )  # fmt: skip
 
-    return Case(
+    return Sweep(
         name="inverted", theme="state", title="Inverted dome", parameter="share of a full inversion", problem=problem,
         setting="Dome of rise 0.3 R over a held rim, p R/(E t) = 1e-3 upwards, started between its own shape (0), flat (0.5) and "
         "inverted (1).",
@@ -208,7 +208,7 @@ def inverted() -> Case:
     )  # fmt: skip
 
 
-def reversed_load() -> Case:
+def reversed_load() -> Sweep:
     """The beam loaded step by step and unloaded again: the way back ends where it began."""
     steps = 5
 
@@ -227,7 +227,7 @@ def reversed_load() -> Case:
 
         return Problem(scene=scene, measure=measure, exact={"way back": 0.0, "drift": 0.0})
 
-    return Case(
+    return Sweep(
         name="reversed_load", theme="state", title="There and back", parameter="peak load/collapse load", problem=problem,
         setting="Beam, loaded at its end in five steps, far into wrinkling, and unloaded in five; displacement and energy that are "
         "left over, relative to those at the peak and at the start.",
@@ -236,7 +236,7 @@ def reversed_load() -> Case:
     )  # fmt: skip
 
 
-def cyclic() -> Case:
+def cyclic() -> Sweep:
     """A sphere inflated and let down over and over."""
 
     def problem(level: float) -> Problem:
@@ -257,7 +257,7 @@ def cyclic() -> Case:
             scene=scene, mesh=structures.ball_mesh(), measure=measure, exact={"displacement": 0.0, "drift": 0.0}
         )
 
-    return Case(
+    return Sweep(
         name="cyclic", theme="state", title="Cycles of pressure", parameter="cycles", problem=problem,
         setting="Sphere between p R/(E t) = 0.5 and 0.05; the last state against that after the first cycle.",
         levels=(1.0, 10.0, 100.0), more_levels=(400.0,), floor=1.0,

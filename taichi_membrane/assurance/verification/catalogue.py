@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from taichi_membrane.assurance.verification import films, pressure, tubes, wrinkling
-from taichi_membrane.assurance.verification.case import Case
+from taichi_membrane.assurance.verification.benchmark import Benchmark
 from taichi_membrane.errors import InputError
 
 # Functions, because a case computes its references when it is made.
-CASES: dict[str, Callable[[], Case]] = {
+CASES: dict[str, Callable[[], Benchmark]] = {
     "sphere": pressure.sphere,
     "cylinder": pressure.cylinder,
     "hencky": pressure.hencky,

@@ -10,7 +10,7 @@ from scipy import interpolate
 
 from taichi_membrane import shapes
 from taichi_membrane.assurance.verification import closed_forms
-from taichi_membrane.assurance.verification.case import Case, Curve, Floats, Outcome, Quantity, solve
+from taichi_membrane.assurance.verification.benchmark import Benchmark, Curve, Floats, Quantity, Solution, solve
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.shapes.rings import wall_triangles
 
@@ -18,12 +18,12 @@ from taichi_membrane.shapes.rings import wall_triangles
 FILM = {"E": 0.1, "nu": 0.0, "thickness": 1.0, "prestress": [1.0, 1.0, 0.0]}
 
 
-def catenoid() -> Case:
+def catenoid() -> Benchmark:
     """A film between two coaxial rings; the mesh starts on the exact surface, and moves by the error of its facets."""
     half = 0.5
     neck = closed_forms.catenoid_neck(half)
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         mesh = _catenoid_mesh(neck, half, size)
         result = solve(
             {
@@ -39,13 +39,13 @@ def catenoid() -> Case:
             mesh,
         )
         place = mesh.points + result.steps[-1].displacement
-        return Outcome(
+        return Solution(
             values={"neck radius": result.probe("neck")[-1], "axial force": result.probe("pull")[-1]},
             points=(place[:, 0], np.hypot(place[:, 1], place[:, 2])),
         )
 
     x = np.linspace(-half, half, 60)
-    return Case(
+    return Benchmark(
         name="catenoid",
         title="Catenoid",
         setting="Two rings of unit radius one radius apart, uniform isotropic prestress N₀, E t = 0.1 N₀.",
@@ -74,19 +74,19 @@ def _catenoid_mesh(neck: float, half: float, along: int) -> Mesh:
     return Mesh.build(points, triangles, groups, None, np.tile([1.0, 0.0, 0.0], (len(triangles), 1)))
 
 
-def scherk() -> Case:
+def scherk() -> Benchmark:
     """A patch of Scherk's saddle with its boundary held, started on the exact surface like the catenoid."""
 
     def height(x: Floats, y: Floats) -> Floats:
         return np.asarray(np.log(np.cos(x) / np.cos(y)))
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         mesh = _saddle(size, height)
         place = mesh.points + _relaxed(mesh)
         probe = np.flatnonzero(np.hypot(mesh.points[:, 0] - 0.5, mesh.points[:, 1]) < 1e-9)
-        return Outcome(values={"height at (0.5, 0)": float(place[probe[0], 2]), "area": _area(mesh, place)})
+        return Solution(values={"height at (0.5, 0)": float(place[probe[0], 2]), "area": _area(mesh, place)})
 
-    return Case(
+    return Benchmark(
         name="scherk",
         title="Scherk's saddle",
         setting="z = ln(cos x/cos y) over a square of side 2, boundary held, uniform isotropic prestress N₀, E t = 0.1 N₀.",
@@ -103,24 +103,24 @@ def scherk() -> Case:
     )
 
 
-def hypar() -> Case:
+def hypar() -> Benchmark:
     """The film in a skew quadrilateral of four edges of a tetrahedron, found from the ruled hypar z = x y."""
     rounds = 2  # each resets the rest shape to the last one found
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         mesh = _saddle(size, lambda x, y: x * y)
         for _ in range(rounds):
             mesh = Mesh.build(mesh.points + _relaxed(mesh), mesh.triangles, {"rim": mesh.node_groups["rim"]})
         diagonal = np.flatnonzero(np.abs(mesh.points[:, 0] - mesh.points[:, 1]) < 1e-6)
         place = mesh.points[diagonal[np.argsort(mesh.points[diagonal, 0])]]
-        return Outcome(
+        return Solution(
             values={
                 "height at (0.5, 0.5)": float(interpolate.CubicSpline(place[:, 0], place[:, 2])(0.5)),
                 "area": _area(mesh, mesh.points),
             }
         )
 
-    return Case(
+    return Benchmark(
         name="hypar",
         title="Film in a skew quadrilateral",
         setting="Straight edges joining (±1, ±1, z = x y), uniform isotropic prestress N₀, E t = 0.1 N₀; the shape is found from "

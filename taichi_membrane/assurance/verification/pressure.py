@@ -6,19 +6,19 @@ import numpy as np
 
 from taichi_membrane import shapes
 from taichi_membrane.assurance.verification import closed_forms
-from taichi_membrane.assurance.verification.case import Case, Curve, Outcome, Quantity, solve
+from taichi_membrane.assurance.verification.benchmark import Benchmark, Curve, Quantity, Solution, solve
 from taichi_membrane.assurance.verification.shooting import inflated_disc
 from taichi_membrane.mesh import Mesh
 
 SHOOTING = "axisymmetric St Venant-Kirchhoff membrane, solved by shooting"
 
 
-def sphere() -> Case:
+def sphere() -> Benchmark:
     """A sphere blown up a little and to one and a half times its size."""
     small, large, nu = 0.0284300, 1.1904762, 0.3
     source = "p R = E t (λ - 1/λ)/(1 - ν), S = p r/2"
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         held = {f"{axis}_zero": f"{axis} = 0 within 1e-9" for axis in "xyz"}
         result = solve(
             {
@@ -34,7 +34,7 @@ def sphere() -> Case:
             }
         )
         radius, stress = result.probe("radius"), result.probe("stress")
-        return Outcome(
+        return Solution(
             values={
                 "extension, small": radius[0] - 1.0,
                 "extension, large": radius[-1] - 1.0,
@@ -43,7 +43,7 @@ def sphere() -> Case:
         )
 
     stretches = [closed_forms.sphere_stretch(p, 1.0, 1.0, nu) for p in (small, large)]
-    return Case(
+    return Benchmark(
         name="sphere",
         title="Inflated sphere",
         setting="St Venant-Kirchhoff sphere, ν = 0.3, p R/(E t) = 0.0284 (stretch 1.01) and 1.1905 (stretch 1.5).",
@@ -64,13 +64,13 @@ def sphere() -> Case:
     )
 
 
-def cylinder() -> Case:
+def cylinder() -> Benchmark:
     """A tube with hemispherical ends, away from them."""
     radius, length, stiffness, nu = 1.0, 5.0, 1.0, 0.3
     small, large = 0.0021875, 0.21875
     source = "S_t = p R λ_x, λ_x S_x = p R λ_t²/2 (closed ends)"
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         result = solve(
             {
                 "mesh": {"shape": "tube", "radius": radius, "length": length, "around": 4 * size, "along": 4 * size},
@@ -95,7 +95,7 @@ def cylinder() -> Case:
             }
         )
         hoop, axial, stress = result.probe("radius"), 4.0 * result.probe("advance") / length, result.probe("stress")
-        return Outcome(
+        return Solution(
             values={
                 "hoop extension, small": hoop[0] - 1.0,
                 "axial extension, small": axial[0],
@@ -111,7 +111,7 @@ def cylinder() -> Case:
         for name, value in (("hoop", hoop - 1.0), ("axial", axial - 1.0)):
             quantities.append(Quantity(name=f"{name} extension, {word}", reference=value, source=source, bound=0.005))
     quantities.append(Quantity(name="hoop stress, large", reference=large * radius * axial, source=source, bound=0.005))
-    return Case(
+    return Benchmark(
         name="cylinder",
         title="Inflated tube with closed ends",
         setting="St Venant-Kirchhoff tube with hemispherical caps, half length 5 R, ν = 0.3, p R/(E t) = 0.0021875 and 0.21875; "
@@ -124,12 +124,12 @@ def cylinder() -> Case:
     )
 
 
-def hencky() -> Case:
+def hencky() -> Benchmark:
     """A flat disc with its rim held under a dead lateral load, at a load where Hencky's theory is exact."""
     load, nu = 1e-6, 0.3
     source = "Hencky's series (1915)"
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         result = solve(
             {
                 "mesh": {"shape": "disc", "radius": 1.0, "rings": size},
@@ -144,11 +144,11 @@ def hencky() -> Case:
                 },
             }
         )
-        return Outcome(values={"rise": result.probe("rise")[-1], "stress in the middle": result.probe("stress")[-1]})
+        return Solution(values={"rise": result.probe("rise")[-1], "stress in the middle": result.probe("stress")[-1]})
 
     rise, stress = closed_forms.hencky_disc(load, nu)
     theory = 4e-5  # the terms that Hencky's kinematics leaves out, at this load
-    return Case(
+    return Benchmark(
         name="hencky",
         title="Hencky's disc",
         setting="Flat disc, rim held, dead lateral load Q = q a/(E t) = 1e-6, ν = 0.3.",
@@ -165,11 +165,11 @@ def hencky() -> Case:
     )
 
 
-def disc() -> Case:
+def disc() -> Benchmark:
     """The same disc under pressure that follows it, at loads where Hencky's theory ends."""
     small, large, nu = 1e-2, 1e-1, 0.3
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         result = solve(
             {
                 "mesh": {"shape": "disc", "radius": 1.0, "rings": size},
@@ -190,7 +190,7 @@ def disc() -> Case:
         ray = result.mesh.node_groups["ray"]
         place = result.mesh.points[ray] + result.steps[-1].displacement[ray]
         order = np.argsort(place[:, 0])
-        return Outcome(
+        return Solution(
             values={
                 "rise, Q = 0.01": result.probe("rise")[0],
                 "rise, Q = 0.1": result.probe("rise")[-1],
@@ -201,7 +201,7 @@ def disc() -> Case:
         )
 
     first, last = (inflated_disc(load, nu, rim="held") for load in (small, large))
-    return Case(
+    return Benchmark(
         name="disc",
         title="Flat disc under follower pressure",
         setting="Flat disc, rim held, pressure Q = p a/(E t) = 0.01 and 0.1, ν = 0.3.",
@@ -225,12 +225,12 @@ def disc() -> Case:
     )
 
 
-def mylar() -> Case:
+def mylar() -> Benchmark:
     """Two flat discs seamed at their rims and inflated: one thin wedge of the upper one, symmetric about all its sides."""
     loads = {"0.01": 1e-2, "0.001": 1e-3, "1e-7": 1e-7}
     nu = 0.3
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         # The wedge narrows as the rings do, so that the error of the chord, which stands for the arc, falls with them.
         sectors = 8 * size
         angle = 360.0 / sectors
@@ -262,7 +262,7 @@ def mylar() -> Case:
             values[f"volume, Q = {word}"] = 2.0 * sectors * step.probes["volume"]
         side = result.mesh.node_groups["side_start"]
         place = result.mesh.points[side] + result.steps[-1].displacement[side]
-        return Outcome(values=values, points=(place[:, 0], place[:, 2]))
+        return Solution(values=values, points=(place[:, 0], place[:, 2]))
 
     limit = inflated_disc(loads["1e-7"], nu, rim="seam")
     quantities = []
@@ -276,7 +276,7 @@ def mylar() -> Case:
             quantities.append(
                 Quantity(name=f"{name}, Q = {word}", reference=value, source=source, bound=0.005, resolution=theory)
             )
-    return Case(
+    return Benchmark(
         name="mylar",
         title="Mylar balloon",
         setting="Two flat discs seamed at the rim, ν = 0.3; Q = p a/(E t) = 1e-7 stands for inextensible discs. A wedge of one "
@@ -299,11 +299,11 @@ def _domed_wedge(angle: float, rings: int) -> Mesh:
     return Mesh.build(points, flat.triangles, groups | {"corner": groups["rim"][:1]})
 
 
-def airbag() -> Case:
+def airbag() -> Benchmark:
     """The square airbag of the literature: a quarter of its upper sheet."""
     side = 1.2 / np.sqrt(2.0) / 2.0
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         result = solve(
             {
                 "mesh": {
@@ -331,7 +331,7 @@ def airbag() -> Case:
             }
         )
         last = result.steps[-1].probes
-        return Outcome(
+        return Solution(
             values={
                 "rise of the middle": last["rise"],
                 "draw of the edge": -last["edge"],
@@ -344,7 +344,7 @@ def airbag() -> Case:
     digits = "two digits are published, from meshes of 8 by 8 and 10 by 10."
     bounds = {"rise of the middle": (0.2167, 0.005, folds), "draw of the edge": (0.1227, 0.06, folds)}
     bounds["stress in the middle"] = (3.8e6, 0.05, digits)
-    return Case(
+    return Benchmark(
         name="airbag",
         title="Square airbag",
         setting="Diagonal 1.2 m, t = 0.6 mm, E = 588 MPa, ν = 0.4, p = 5 kPa, initially flat; a quarter of the upper sheet.",

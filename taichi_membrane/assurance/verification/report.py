@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from taichi_membrane.assurance.verification.case import CaseResult, QuantityResult
+from taichi_membrane.assurance.verification.benchmark import BenchmarkResult, QuantityResult
 from taichi_membrane.pictures.plots import COLOURS, FONT, GREY, INK, MARKERS
 
 COLUMNS = 3
@@ -22,7 +22,7 @@ DPI = 150
 LEAST_ERROR = 1e-8  # a smaller one is drawn here: the axis is logarithmic
 
 
-def write(results: Sequence[CaseResult], directory: Path) -> list[Path]:
+def write(results: Sequence[BenchmarkResult], directory: Path) -> list[Path]:
     """Write ``verification.md``, ``.csv`` and ``.png`` into the directory; returns their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = [directory / f"verification.{suffix}" for suffix in ("md", "csv", "png")]
@@ -32,7 +32,7 @@ def write(results: Sequence[CaseResult], directory: Path) -> list[Path]:
     return paths
 
 
-def line(result: CaseResult, one: QuantityResult) -> list[str]:
+def line(result: BenchmarkResult, one: QuantityResult) -> list[str]:
     """One row of the table: the finest mesh's value against its reference."""
     expected = one.quantity.order
     slope = "-" if one.slope is None else f"{one.slope:.2f}"
@@ -50,7 +50,7 @@ def line(result: CaseResult, one: QuantityResult) -> list[str]:
     ]
 
 
-def markdown(results: Sequence[CaseResult]) -> str:
+def markdown(results: Sequence[BenchmarkResult]) -> str:
     """The table with the settings of the cases, and where each theory ends."""
     heads = [
         "case",
@@ -84,7 +84,7 @@ def markdown(results: Sequence[CaseResult]) -> str:
     return "\n".join(parts)
 
 
-def comma_separated(results: Sequence[CaseResult]) -> str:
+def comma_separated(results: Sequence[BenchmarkResult]) -> str:
     """Every mesh of every quantity, one row each."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -108,7 +108,7 @@ def comma_separated(results: Sequence[CaseResult]) -> str:
     return text.getvalue()
 
 
-def draw(results: Sequence[CaseResult], path: Path) -> None:
+def draw(results: Sequence[BenchmarkResult], path: Path) -> None:
     """A page of plots: for each case the error against mesh size and, where it has one, its curve over the exact one."""
     panels = [(result, kind) for result in results for kind in ("error", "curve") if _has(result, kind)]
     rows = max(1, math.ceil(len(panels) / COLUMNS))
@@ -130,13 +130,13 @@ def draw(results: Sequence[CaseResult], path: Path) -> None:
     figure.savefig(path)
 
 
-def _has(result: CaseResult, kind: str) -> bool:
+def _has(result: BenchmarkResult, kind: str) -> bool:
     return bool(result.quantities) and (
         kind == "error" or (result.case.curve is not None and result.points is not None)
     )
 
 
-def _draw_errors(axes: Axes, result: CaseResult) -> None:
+def _draw_errors(axes: Axes, result: BenchmarkResult) -> None:
     """Errors on double logarithmic axes, each with its slope, and a line of slope 2 to compare with."""
     sizes = np.array(result.sizes, dtype=float)
     highest, lowest = 0.0, 1.0
@@ -163,7 +163,7 @@ def _draw_errors(axes: Axes, result: CaseResult) -> None:
     axes.set_ylabel("relative error", fontsize=FONT["small"], color=INK)
 
 
-def _draw_points(axes: Axes, result: CaseResult) -> None:
+def _draw_points(axes: Axes, result: BenchmarkResult) -> None:
     """The finest mesh's points over the exact curve."""
     curve, points = result.case.curve, result.points
     assert curve is not None

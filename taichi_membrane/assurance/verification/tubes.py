@@ -7,17 +7,17 @@ import math
 import numpy as np
 
 from taichi_membrane.assurance.verification import closed_forms
-from taichi_membrane.assurance.verification.case import Case, Curve, Outcome, Quantity, solve
+from taichi_membrane.assurance.verification.benchmark import Benchmark, Curve, Quantity, Solution, solve
 
 X_AXIS = {"axis": [1.0, 0.0, 0.0], "through": [0.0, 0.0, 0.0]}
 
 
-def off_axis() -> Case:
+def off_axis() -> Benchmark:
     """A tube whose warp runs at 30 degrees to its axis: pressure twists it."""
     radius, length, pressure, angle = 1.0, 4.0, 1e-5, 30.0
     warp, weft, nu, shear = 2.0, 1.0, 0.2, 0.1
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         result = solve(
             {
                 "mesh": {
@@ -45,7 +45,7 @@ def off_axis() -> Case:
             }
         )  # fmt: skip
         last = result.steps[-1].probes
-        return Outcome(
+        return Solution(
             values={
                 "twist per length": np.deg2rad(last["twist"]) / length,
                 "hoop extension": last["radius"] / radius - 1.0,
@@ -60,7 +60,7 @@ def off_axis() -> Case:
     linear = 1e-4  # the share of the strains, 1e-5 to 1e-4, that linear theory leaves out
     # Seen from outside the hoop direction runs counter-clockwise from the axis: a positive shear turns the far end backwards.
     exact = {"twist per length": -gamma / radius, "hoop extension": hoop, "axial extension": axial}
-    return Case(
+    return Benchmark(
         name="off_axis",
         title="Tube with the warp off its axis",
         setting="Orthotropic tube, E_weft/E_warp = 0.5, G/E_warp = 0.05, ν = 0.2, warp at 30 degrees to the axis, "
@@ -76,12 +76,12 @@ def off_axis() -> Case:
     )
 
 
-def cantilever() -> Case:
+def cantilever() -> Benchmark:
     """A lightly loaded tube at a pressure that stiffens it by five per cent: prestressed, so that its shape is the inflated one."""
     radius, length, stiffness, nu, pressure = 1.0, 20.0, 1.0, 0.0, 0.1
     load = 1e-5  # 1/160 of the load that wrinkles: the response is linear
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         wall = {"E": stiffness, "nu": nu, "thickness": 1.0}
         stress = pressure * radius
         result = solve(
@@ -101,12 +101,12 @@ def cantilever() -> Case:
             }
         )
         before, after = result.probe("tip")
-        return Outcome(values={"tip deflection": (before - after) / load})
+        return Solution(values={"tip deflection": (before - after) / load})
 
     shape = {"length": length, "radius": radius, "stiffness": stiffness, "nu": nu}
     exact = closed_forms.inflated_cantilever(1.0, pressure=pressure, **shape)
     without = closed_forms.inflated_cantilever(1.0, pressure=0.0, **shape)
-    return Case(
+    return Benchmark(
         name="cantilever",
         title="Inflated cantilever before wrinkling",
         setting="L = 20 r, p r/(E t) = 0.1 on the inflated shape, ν = 0, hemispherical end, root ring clamped; deflection "
@@ -130,7 +130,7 @@ def cantilever() -> Case:
     )
 
 
-def torsion() -> Case:
+def torsion() -> Benchmark:
     """A tube turned past its wrinkling torque, which is also the largest it can carry."""
     radius, length, stiffness, nu, pressure = 1.0, 6.0, 1.0, 0.3, 1e-5
     limit = math.sqrt(2.0) * math.pi * pressure * radius**3
@@ -138,7 +138,7 @@ def torsion() -> Case:
     onset = limit / (2.0 * math.pi * radius**3 * modulus) * length
     turns = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         stress = pressure * radius
         result = solve(
             {
@@ -160,7 +160,7 @@ def torsion() -> Case:
             }
         )  # fmt: skip
         torque = result.probe("torque")[1:] / limit
-        return Outcome(
+        return Solution(
             values={
                 "torque at half the onset": torque[turns.index(0.5)],
                 "torque at three times the onset": torque[-1],
@@ -168,7 +168,7 @@ def torsion() -> Case:
             points=(np.array(turns), torque),
         )
 
-    return Case(
+    return Benchmark(
         name="torsion",
         title="Torsion of an inflated tube",
         setting="L = 6 r, p r/(E t) = 1e-5, ν = 0.3; both end rings keep their radius, one is turned and free to move along "

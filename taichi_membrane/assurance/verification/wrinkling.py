@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from taichi_membrane.assurance.verification import closed_forms
-from taichi_membrane.assurance.verification.case import Case, Curve, Outcome, Quantity, solve
+from taichi_membrane.assurance.verification.benchmark import Benchmark, Curve, Quantity, Solution, solve
 from taichi_membrane.assurance.verification.shooting import turned_hub
 
 
-def strip() -> Case:
+def strip() -> Benchmark:
     """A prestressed strip whose end is turned about a point beyond the wrinkles: half of it, of unit height and length."""
     stiffness, prestress, nu = 1e5, 1.0, 0.3
     band = 0.7  # of the height, at the last step
@@ -19,7 +19,7 @@ def strip() -> Case:
     shares = [0.04, *(prestress / (stiffness * curvature * (centre - b)) for b in (0.1, 0.25, 0.4, 0.55, band))]
     names = {0: "taut", 2: "a quarter wrinkled", 5: "seven tenths wrinkled"}
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         result = solve(
             {
                 "mesh": {
@@ -58,7 +58,7 @@ def strip() -> Case:
         force, moment = result.probe("force"), result.probe("moment")
         values = {f"moment, {word}": moment[step] for step, word in names.items()}
         values["axial force, seven tenths wrinkled"] = force[-1]
-        return Outcome(values=values, points=(0.5 * stiffness * curvature * np.array(shares) / force, moment / force))
+        return Solution(values=values, points=(0.5 * stiffness * curvature * np.array(shares) / force, moment / force))
 
     source = "Stein and Hedgepeth 1961 (strip in bending)"
     exact = [
@@ -73,7 +73,7 @@ def strip() -> Case:
         Quantity(name="axial force, seven tenths wrinkled", reference=exact[-1][0], source=source, bound=0.005)
     )
     bands = np.linspace(0.0, 0.75, 60)
-    return Case(
+    return Benchmark(
         name="strip",
         title="Wrinkled strip in bending",
         setting="Prestress N₀ both ways, E t = 1e5 N₀, ν = 0.3; dead load N₀ on the long edges, the ends turned and stretched.",
@@ -91,13 +91,13 @@ def strip() -> Case:
     )
 
 
-def annulus() -> Case:
+def annulus() -> Benchmark:
     """A prestressed annulus between a hub that is turned and a fixed rim."""
     outer, nu, stiffness, prestress = 4.0, 0.3, 1e5, 1.0
     onset = (1.0 + nu) * prestress / stiffness * (1.0 - 1.0 / outer**2)
     turns = (1.0, 2.0, 3.0, 4.0, 5.0)  # over the onset of wrinkling
 
-    def run(size: int) -> Outcome:
+    def run(size: int) -> Solution:
         result = solve(
             {
                 "mesh": {"shape": "annulus", "inner": 1.0, "outer": outer, "around": 4 * size, "rings": size},
@@ -118,7 +118,7 @@ def annulus() -> Case:
             }
         )  # fmt: skip
         torque = result.probe("torque") / (2.0 * np.pi * prestress)
-        return Outcome(
+        return Solution(
             values={f"torque at {turns[step]:g} times the onset": torque[step] for step in (0, 1, 4)},
             points=(np.array(turns), torque),
         )
@@ -127,7 +127,7 @@ def annulus() -> Case:
     angles = np.linspace(1.0, 5.0, 9)
     torques = turned_hub(list(angles * onset * stiffness / prestress), outer, nu)
     references = dict(zip(angles, torques, strict=True))
-    return Case(
+    return Benchmark(
         name="annulus",
         title="Annulus with a turned hub",
         setting="Radii 1 and 4, uniform prestress N₀, E t = 1e5 N₀, ν = 0.3; torque over that of the first wrinkle, 2π a² N₀.",

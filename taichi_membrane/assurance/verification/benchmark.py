@@ -65,7 +65,7 @@ class Curve:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class Solution:
     """What one mesh gave: the value of each quantity by name, and points (x, y) of the case's curve if it has one."""
 
     values: Mapping[str, float]
@@ -73,7 +73,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class Benchmark:
     """A problem with a known answer.
 
     :param setting: geometry, material, supports, loads, in a sentence or two.
@@ -89,7 +89,7 @@ class Case:
     sizes: tuple[int, int, int]
     more_sizes: tuple[int, ...]
     quantities: tuple[Quantity, ...]
-    run: Callable[[int], Outcome]
+    run: Callable[[int], Solution]
     curve: Curve | None = None
 
 
@@ -130,7 +130,7 @@ class QuantityResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CaseResult:
+class BenchmarkResult:
     """A case on all meshes.
 
     :param seconds: wall time per mesh, compilation included.
@@ -138,7 +138,7 @@ class CaseResult:
     :param failure: why a run ended without equilibrium; empty when all went well.
     """
 
-    case: Case
+    case: Benchmark
     sizes: tuple[int, ...]
     quantities: tuple[QuantityResult, ...]
     seconds: tuple[float, ...]
@@ -151,10 +151,10 @@ class CaseResult:
         return not self.failure and all(one.passed for one in self.quantities)
 
 
-def run_case(case: Case, *, full: bool = False) -> CaseResult:
+def run_benchmark(case: Benchmark, *, full: bool = False) -> BenchmarkResult:
     """Run a case on its default meshes, or with ``full`` on its finer ones too."""
     sizes = case.sizes + (case.more_sizes if full else ())
-    outcomes: dict[int, Outcome] = {}
+    outcomes: dict[int, Solution] = {}
     seconds: dict[int, float] = {}
     failure = ""
     for size in reversed(sizes):  # the finest first: the others fit in the kernels that are compiled for it
@@ -166,7 +166,7 @@ def run_case(case: Case, *, full: bool = False) -> CaseResult:
             continue
         seconds[size] = time.perf_counter() - started
     done = tuple(size for size in sizes if size in outcomes)
-    return CaseResult(
+    return BenchmarkResult(
         case=case,
         sizes=done,
         quantities=tuple(
