@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh.loose import Loose
-from taichi_membrane.mesh.topology import EdgeTable, node_parts
+from taichi_membrane.mesh.topology import EdgeTable, node_parts, sorted_unique
 
 LARGEST_COORDINATE = 1e30  # areas squared, and their sums, must not overflow
 # A triangle flatter than this (area over longest edge squared) has no usable normal in double precision.
@@ -295,12 +295,6 @@ def as_warp(directions: ArrayLike, area_vector: NDArray[np.float64], where: str)
             f"(normal {tuple(np.round(normal[t], 6).tolist())}); {bad.size} such elements in all"
         )
     return in_plane / length[:, None]
-
-
-def sorted_unique(numbers: NDArray[Any]) -> NDArray[Any]:
-    """Return the distinct numbers in ascending order; for a million of them ten times faster than ``np.unique``."""
-    ordered = np.sort(numbers)
-    return ordered[np.concatenate(([True], ordered[1:] != ordered[:-1]))] if ordered.size else ordered
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:

@@ -98,6 +98,8 @@ def read_parts(path: Path) -> MeshParts:
 def _reader(path: Path) -> Callable[[Source], RawMesh]:
     """What reads a file, told from its extension."""
     suffix = path.suffix.lower()
+    if suffix == ".msh" and _begins(path, b"("):
+        return _with_meshio  # Fluent's format of the same extension
     if suffix in READERS:
         module = READERS[suffix]
         if module == "rhino":
@@ -110,6 +112,11 @@ def _reader(path: Path) -> Callable[[Source], RawMesh]:
     if MESHIO[suffix]:
         _need(path, MESHIO[suffix])
     return _with_meshio
+
+
+def _begins(path: Path, mark: bytes) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(mark)) == mark
 
 
 def _need(path: Path, package: str) -> None:

@@ -19,7 +19,7 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import check
 from taichi_membrane.mesh.cracks import Tolerance, check_seams
 from taichi_membrane.mesh.repair import HINT, mend
-from taichi_membrane.mesh.topology import EdgeTable, edge_table, node_parts
+from taichi_membrane.mesh.topology import EdgeTable, edge_table, node_parts, sorted_unique
 
 
 def _no_points() -> NDArray[np.float64]:
@@ -46,6 +46,7 @@ class Mesh:
     :param lines: (line_count, 2) node numbers of line elements, such as cables.
     :param line_groups: named sorted numbers of lines.
     :param notes: what a file says that is not carried over, and what was decided when it was read, a line each.
+    :param tolerance: how near nodes of free edges are one, by the digits of the coordinates [length].
     """
 
     points: NDArray[np.float64]
@@ -59,6 +60,7 @@ class Mesh:
     lines: NDArray[np.int32] = field(default_factory=_no_lines)
     line_groups: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    tolerance: float = 0.0
 
     @classmethod
     def build(
@@ -119,7 +121,7 @@ class Mesh:
         nodes = {"all": check.frozen(np.arange(len(xyz), dtype=np.int32))}
         boundary = table.nodes[table.tri_count == 1]
         if boundary.size:
-            nodes["boundary"] = check.frozen(check.sorted_unique(boundary.ravel()))
+            nodes["boundary"] = check.frozen(sorted_unique(boundary.ravel()))
         elements = {"all": check.frozen(np.arange(len(corners), dtype=np.int32))}
         mesh = cls(
             check.frozen(xyz),
@@ -133,6 +135,7 @@ class Mesh:
             loose.lines,
             loose.line_groups,
             tuple(notes),
+            tolerance.same,
         )
         mesh.__dict__["_edges"] = table  # the cached property, already computed here
         return mesh

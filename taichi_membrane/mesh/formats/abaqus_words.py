@@ -16,6 +16,10 @@ _TYPES: tuple[tuple[CellKind, str], ...] = (
     ("line", r"T[23]D2(H|T|E)?|B[23][13](H|OS|OSH)?|B[23]3H?|PIPE[23]1H?"),
     ("vertex", r"MASS|ROTARYI"),
 )
+_ALLOWED = (
+    "triangles S3, S3R, STRI3, M3D3, CPS3, CPE3, R3D3; quadrilaterals S4, S4R, M3D4, M3D4R, CPS4, CPE4, R3D4; lines T3D2, "
+    "B31, B33; points MASS, ROTARYI"
+)
 _SECOND_ORDER = re.compile(
     r"STRI65|S[89]R?5?T?|M3D[689]R?|SFM3D[68]R?|CP[SE]G?[68]\w*|T[23]D3\w*|B[23]2\w*|PIPE[23]2\w*"
 )
@@ -54,11 +58,7 @@ def element_kind(name: str, source: Source, line: int) -> CellKind:
             return kind
     if _SECOND_ORDER.fullmatch(name):
         raise source.fault(f"element type {shown(name)}: {SECOND_ORDER}", line)
-    raise source.fault(
-        f"element type {shown(name)} is not one that is read: triangles S3, S3R, STRI3, M3D3, CPS3, CPE3, R3D3; quadrilaterals S4, S4R, "
-        "M3D4, M3D4R, CPS4, CPE4, R3D4; lines T3D2, B31, B33; points MASS, ROTARYI",
-        line,
-    )
+    raise source.fault(f"element type {shown(name)} is not one that is read: {_ALLOWED}", line)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from taichi_membrane.mesh.formats.raw import CORNERS, RawMesh
 from taichi_membrane.mesh.formats.source import Source, listed, several
 from taichi_membrane.mesh.precision import resolution
+from taichi_membrane.mesh.topology import sorted_unique
 
 Ints = NDArray[np.int64]
 
@@ -214,13 +215,13 @@ def _groups(
         of_points = vertex_number[group.members][vertex_number[group.members] >= 0]
         for held, members in ((tri_groups, elements), (line_groups, of_lines)):
             if members.size:
-                held[group.name] = np.union1d(held.get(group.name, members), members)
-        nodes = np.unique(
+                held[group.name] = sorted_unique(np.concatenate((held.get(group.name, members[:0]), members)))
+        nodes = sorted_unique(
             np.concatenate([triangles[elements].ravel(), lines[of_lines].ravel(), vertices[of_points].ravel()])
         )
         kind = 0 if of_points.size else 1 if of_lines.size else 2
         mine = by_kind.setdefault(group.name, {})
-        mine[kind] = np.union1d(mine.get(kind, nodes), nodes)
+        mine[kind] = sorted_unique(np.concatenate((mine.get(kind, nodes[:0]), nodes)))
     names = {-1: "points", 0: "points", 1: "lines", 2: "triangles"}
     for name, kinds in by_kind.items():
         lowest = min(kinds)

@@ -51,6 +51,10 @@ def read(source: Source) -> RawMesh:
                 _nodes_new(words, content) if version == "4.1" else _nodes_old(words, content)
             case "Elements":
                 _elements_new(words, content) if version == "4.1" else _elements_old(words, content)
+            case "ParametricNodes":
+                raise source.fault(
+                    "nodes with parameters are not read: save with Mesh.SaveParametric = 0", words.line or None
+                )
             case "PartitionedEntities":
                 raise source.fault(
                     "a partitioned mesh is not read: unpartition it, or save it without partitions", words.line

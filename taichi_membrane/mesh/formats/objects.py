@@ -13,6 +13,7 @@ from taichi_membrane.mesh.formats.source import listed, shown
 from taichi_membrane.mesh.formats.vtk_cells import name_groups
 
 _SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
+_DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2}
 # Arrays of meshio that hold what a format calls group, reference or family; gmsh's other numbers are its geometry's.
 _PHYSICAL = "gmsh:physical"
 _SHORT = {
@@ -88,7 +89,6 @@ def _tagged(raw: RawMesh, mesh: Any, numbers: list[NDArray[np.int64]]) -> None:
     """Cell arrays as groups. Names of physical groups and of MED's families stand beside the arrays."""
     kinds = [block.type for block in mesh.cells]
     named = {(int(np.ravel(v)[0]), int(np.ravel(v)[1])): k for k, v in mesh.field_data.items() if np.size(v) == 2}
-    dimension = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2}
     families: dict[int, list[str]] = getattr(mesh, "cell_tags", {})
     cells: dict[str, list[NDArray[Any]]] = {}
     for name, arrays in mesh.cell_data.items():
@@ -96,12 +96,18 @@ def _tagged(raw: RawMesh, mesh: Any, numbers: list[NDArray[np.int64]]) -> None:
         if name == _PHYSICAL:
             for kind, own, tags in zip(kinds, numbers, values, strict=True):
                 for tag in np.unique(tags[tags != 0]).tolist():
-                    raw.group_cells(named.get((tag, dimension[kind]), f"physical_{tag}"), own[tags == tag])
+                    raw.group_cells(named.get((tag, _DIMENSION[kind]), f"physical_{tag}"), own[tags == tag])
         elif name == "cell_tags" and families:
-            joined = np.concatenate(values)
             for label in sorted({label for labels in families.values() for label in labels}):
                 holding = [number for number, labels in families.items() if label in labels]
-                raw.group_cells(label, np.concatenate(numbers)[np.isin(joined, holding)])
+                for dimension in range(3):  # groups of edges and of faces may share a name
+                    held = [
+                        own[np.isin(tags, holding)]
+                        for kind, own, tags in zip(kinds, numbers, values, strict=True)
+                        if _DIMENSION[kind] == dimension
+                    ]
+                    if any(len(part) for part in held):
+                        raw.group_cells(label, np.concatenate(held))
         elif not name.startswith("gmsh:"):
             cells[_SHORT.get(name, name)] = values
     points = {name: np.asarray(values) for name, values in mesh.point_data.items()}

@@ -9,6 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from taichi_membrane.mesh.topology import sorted_unique
+
 CellKind = Literal["vertex", "line", "triangle", "quad"]
 CORNERS: dict[CellKind, int] = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4}
 # Other cells by what they are called in messages; they have no place in a mesh of triangles.
@@ -86,7 +88,7 @@ class RawMesh:
 
     def group_cells(self, name: str, members: ArrayLike) -> None:
         """Name a set of cells; an empty one is noted, not kept."""
-        array = np.unique(np.asarray(members, dtype=np.int64))
+        array = sorted_unique(np.asarray(members, dtype=np.int64).ravel())
         if array.size:
             self.cell_groups.append(CellGroup(name, array))
         else:
@@ -94,7 +96,7 @@ class RawMesh:
 
     def group_points(self, name: str, members: ArrayLike) -> None:
         """Name a set of points; one of the same name grows, an empty one is noted, not kept."""
-        array = np.unique(np.asarray(members, dtype=np.int64))
+        array = sorted_unique(np.asarray(members, dtype=np.int64).ravel())
         if not array.size:
             self.notes.append(f"node group '{name}' is empty and was left out")
         elif name in self.point_groups:
@@ -110,7 +112,7 @@ class RawMesh:
         :param cells: the cells' numbers, one for each value.
         :param skip: the value that means none.
         """
-        found = np.unique(values)
+        found = sorted_unique(values)
         if found.size > MOST_VALUES:
             self.notes.append(
                 f"'{name}' has {found.size} different values, more than {MOST_VALUES}: taken as numbering, not as groups"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import binascii
 import lzma
 import re
@@ -59,7 +58,7 @@ class _File:
                 except (ValueError, OverflowError):
                     raise self.source.fault(f"the array {shown(name)} holds what is no {kind}") from None
             case "binary":
-                values = self._decoded(re.sub(r"\s+", "", item.text or "").encode("ascii", "replace"), kind, name)
+                values = self._decoded("".join((item.text or "").split()).encode("ascii", "replace"), kind, name)
             case "appended":
                 offset = item.get("offset", "")
                 if not re.fullmatch(r"\d{1,18}", offset) or int(offset) >= len(self.appended):
@@ -82,7 +81,7 @@ class _File:
         def bytes_of(begin: int, count: int) -> bytes:
             part = text[begin : begin + 4 * -(-count // 3)]
             try:
-                found = base64.b64decode(part, validate=True)[:count]
+                found = binascii.a2b_base64(part, strict_mode=True)[:count]
             except (binascii.Error, ValueError):
                 found = b""
             if len(found) < count:
@@ -196,7 +195,7 @@ def _parsed(source: Source) -> _File:
         if end < match.end():
             raise source.fault("the appended data have no end: the file is cut off")
         is_raw = match[1] == b"raw"
-        appended = data[match.end() : end] if is_raw else re.sub(rb"\s+", b"", data[match.end() : end])
+        appended = data[match.end() : end] if is_raw else b"".join(data[match.end() : end].split())
         data = data[: match.end()] + data[end:]
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise source.fault("the file declares entities, which VTK files never do")
