@@ -52,9 +52,12 @@ class _Reader:
             if not rest:
                 raise self.source.fault("a SubModelPart has no name", line)
             self.stack.append(self.parts.setdefault(name, _Part(name)))
-        elif kind in ("Conditions", "Geometries") or kind in _SKIPPED:
+        elif kind in ("Conditions", "Geometries") or (kind in _SKIPPED and kind != "ModelPartData"):
             self.left_out.setdefault(f"{kind} {rest}".strip(), line)
-        elif kind not in ("Nodes", "Elements", "Properties", *_PARTS):
+        elif kind == "Elements" and not _COUNTED.search(rest):
+            told = f"the type of elements {shown(rest)} tells no number of nodes, as MembraneElement3D3N does"
+            raise self.source.fault(told, line)
+        elif kind not in ("Nodes", "Elements", "Properties", "ModelPartData", *_PARTS):
             raise self.source.fault(f"the block {shown(kind)} is not one that is read", line)
         self.open.append((kind, rest, line))
 
@@ -93,7 +96,8 @@ class _Reader:
     def _element(self, words: list[str], name: str, line: int) -> None:
         numbers = [self.source.whole(word, line, "a number of an element") for word in words]
         match = _COUNTED.search(name)
-        count = int(match[3]) if match else len(numbers) - 2
+        assert match is not None  # seen when the block began
+        count = int(match[3])
         if len(numbers) != count + 2:
             told = f"{name} {numbers[0]} has {len(numbers)} numbers: its own, its properties and {count} nodes are expected"
             raise self.source.fault(told, line)

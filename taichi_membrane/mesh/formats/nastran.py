@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.mesh.formats.nastran_cards import Card, cards
 from taichi_membrane.mesh.formats.raw import SECOND_ORDER, SOLID, CellKind, RawMesh
-from taichi_membrane.mesh.formats.source import Numbering, Source, listed, shown
+from taichi_membrane.mesh.formats.source import Numbering, Source, listed, several, shown
 from taichi_membrane.mesh.precision import resolution
 
 Floats = NDArray[np.float64]
@@ -135,6 +135,7 @@ class _Deck:
     left_out: dict[str, tuple[int, int]] = field(default_factory=dict)
     turned: int = 0
     shifted: int = 0
+    thick: int = 0
 
     def __post_init__(self) -> None:
         self.systems = _Systems(self.grids)
@@ -161,6 +162,7 @@ class _Deck:
         elif name in _ELEMENTS:
             self._element(card)
         elif name == "PSHELL":
+            self.thick += bool(card.word(3))
             if card.word(2):
                 self.materials[card.whole(1, "the property")] = card.whole(2, "the material")
         elif name in _SECOND_ORDER:
@@ -266,6 +268,10 @@ class _Deck:
                 raw.group_cells(f"mid_{material}", members)
 
     def _notes(self, raw: RawMesh) -> None:
+        if self.thick:
+            raw.notes.append(
+                f"not carried over: PSHELL's thickness, of {several(self.thick, 'property', 'properties')}"
+            )
         if self.turned:
             raw.notes.append(f"not carried over: the material angle of {self.turned} elements")
         if self.shifted:

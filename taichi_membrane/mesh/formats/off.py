@@ -81,6 +81,9 @@ def _mesh(
         rows.append((_KINDS[count], nodes))
     raw.add_rows(rows)
     raw.cell_name = lambda cell: f"face {cell} (line {faces[cell][1]})"
+    few = sum(len(nodes) < 3 for _, nodes in rows)
+    if few:
+        raw.notes.append(f"{several(few, 'face')} of one or two corners are points or lines, no triangles")
     if colours:
         raw.notes.append(f"not carried over: the colour of {several(colours, 'face')}")
     return raw

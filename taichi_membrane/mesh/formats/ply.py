@@ -35,7 +35,7 @@ _TYPES |= {
 _TYPES |= {"float32": "f4", "float64": "f8"}
 _CORNERS = ("vertex_indices", "vertex_index")
 _NO_GROUPS = re.compile(r"red|green|blue|alpha|[rgba]|flags|texnumber|(diffuse|ambient|specular|emissive)_.*|quality")
-_KINDS: dict[int, CellKind] = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
+_KINDS: dict[int, CellKind] = {3: "triangle", 4: "quad"}
 
 
 @dataclass(eq=False)

@@ -24,7 +24,7 @@ def read(source: Source) -> RawMesh:
     count = int.from_bytes(data[80:84], "little") if len(data) >= _HEADER else -1
     if count >= 0 and len(data) == _HEADER + _FACET * count:
         return _binary(source, count)
-    if data.lstrip(b"\xef\xbb\xbf \t\r\n")[:5].lower() == b"solid":
+    if data.lstrip(b"\xef\xbb\xbf \t\r\n")[:5].lower() == b"solid" and b"\0" not in data[: 2 * _HEADER]:
         return _text(source)
     if len(data) < _HEADER:
         raise source.fault(
