@@ -42,3 +42,9 @@ def test_a_file_is_read_right_or_refused_in_one_sentence(tmp_path: Path, case: C
         "a reader failed where it should have said why"
     )
     assert "\n" not in str(caught.value)
+
+
+def test_the_page_of_formats_is_made_from_this_table() -> None:
+    from mesh_cases.page import PAGE, page
+
+    assert PAGE.read_text(encoding="utf-8") == page(), "run PYTHONPATH=tests python -m mesh_cases"

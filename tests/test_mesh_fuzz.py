@@ -49,7 +49,7 @@ COUNTS: dict[str, Callable[[str], int]] = {
     ".stl": lines_like(r"^\s*(endfacet|ENDFACET)\b"),
     ".obj": lines_like(r"^\s*f\s"),
     ".ply": number_after(r"^element face (\d+)"),
-    ".off": lambda text: number_after(r"^(?:\w*OFF )?\s*\d+\s+(\d+)(?:\s+0)?\s*$")("\n".join(text.splitlines()[:3])),
+    ".off": lambda text: int((re.search(r"^(?:\w*OFF )?\s*\d+\s+(\d+)(?:\s+0)?\s*$", text, re.MULTILINE) or "00")[1]),
     ".vtk": number_after(r"^(?:CELLS|POLYGONS) (\d+) \d+$"),
     ".vtu": number_after(r'NumberOfCells="(\d+)"'),
     ".mesh": number_after(r"^Triangles\s+(\d+)"),

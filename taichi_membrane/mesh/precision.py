@@ -25,12 +25,12 @@ def resolution(points: NDArray[np.float64]) -> float:
         single = bool((values.astype(np.float32).astype(np.float64) == values).all())
     found = float(np.finfo(np.float32 if single else np.float64).eps) * largest
     order = int(np.floor(np.log10(largest))) + 1  # digits before the point
-    for digits in range(5, 13):
+    for digits in range(1, 13):
         step = 10.0 ** (order - digits)
         if step < found:
             break
-        if step <= _ROUNDED * largest and (_decimals(values, digits - order) or _significant(values, digits)):
-            return max(found, step)
+        if _decimals(values, digits - order) or _significant(values, digits):
+            return step if step <= _ROUNDED * largest else found
     return found
 
 
