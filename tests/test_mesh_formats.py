@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mesh_cases import CASES, Case, Read
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.mesh import Mesh, read_mesh
+from taichi_membrane.mesh import Mesh, read, read_mesh
 
 
 def sizes(groups: object) -> dict[str, int]:
@@ -48,3 +49,66 @@ def test_the_page_of_formats_is_made_from_this_table() -> None:
     from mesh_cases.page import PAGE, page
 
     assert PAGE.read_text(encoding="utf-8") == page(), "run PYTHONPATH=tests python -m mesh_cases"
+
+
+def test_positions_of_an_instance_are_shifted_and_then_turned(tmp_path: Path) -> None:
+    """A quarter turn about the line through (1, 2, 3) along z, after the shift by (1, 2, 3)."""
+    case = next(case for case in CASES if case.feature.startswith("one part, two instances"))
+    content = str(case.content).replace("0, 0, 7\n0, 0, 0, 0, 0, 1, 90", "1, 2, 3\n1, 2, 3, 1, 2, 4, 90")
+    (tmp_path / "a.inp").write_text(content)
+    mesh = read_mesh(tmp_path / "a.inp")
+    assert mesh.points[8].tolist() == [2.0, 2.0, 5.0]
+    assert mesh.points[[9, 11, 15]] == pytest.approx(np.array([[1.0, 2, 3], [1, 4, 3], [-1, 2, 3]]), abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("card", "numbers", "local"),
+    [
+        ("CORD2R", "2.,3.,4.", (2.0, 3.0, 4.0)),
+        ("CORD2C", "2.,90.,4.", (0.0, 2.0, 4.0)),
+        ("CORD2S", "2.,90.,0.", (2.0, 0.0, 0.0)),
+        ("CORD2S", "2.,30.,90.", (0.0, 1.0, 3**0.5)),
+    ],
+)
+def test_positions_in_systems_of_nastran(tmp_path: Path, card: str, numbers: str, local: tuple[float, ...]) -> None:
+    """Origin at (0, 10, 20); the system's z lies along x and its x along z, so its y, which is z cross x, along -y."""
+    system = f"{card},5,0,0.,10.,20.,1.,10.,20.,\n,0.,10.,21.\n"
+    (tmp_path / "n.bdf").write_text(
+        f"{system}GRID,1,5,{numbers}\nGRID,2,0,50.,0.,0.\nGRID,3,0,0.,60.,0.\nCTRIA3,1,1,1,2,3\n"
+    )
+    x, y, z = local
+    assert read_mesh(tmp_path / "n.bdf").points[0] == pytest.approx(np.array([z, 10.0 - y, 20.0 + x]), abs=1e-12)
+
+
+def test_quads_are_split_along_the_shorter_diagonal(tmp_path: Path) -> None:
+    (tmp_path / "o.obj").write_text("v 0 0 0\nv 3 -1 0\nv 4 4 0\nv 1 2 0\nf 1 2 3 4\n")
+    mesh = read_mesh(tmp_path / "o.obj")
+    edges = {tuple(edge) for edge in mesh.edges().tolist()}
+    assert (1, 3) in edges
+    assert (0, 2) not in edges
+    assert (mesh.tri_normals()[:, 2] > 0).all()
+
+
+def test_a_package_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(read, "find_spec", lambda name: None)
+    for name, package in (("a.med", "h5py"), ("a.exo", "netCDF4"), ("a.3dm", "rhino3dm")):
+        (tmp_path / name).write_bytes(b"x")
+        with pytest.raises(
+            InputError, match=rf"needs the package {package}, which is not installed: pip install 'taichi"
+        ):
+            read_mesh(tmp_path / name)
+
+
+def test_a_failure_inside_a_reader_is_one_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(path: Path) -> object:
+        def read_it(source: object) -> None:
+            raise KeyError("inside")
+
+        return read_it
+
+    monkeypatch.setattr(read, "_reader", failing)
+    (tmp_path / "a.obj").write_text("x")
+    with pytest.raises(
+        InputError, match=r"a\.obj: the mesh cannot be read, the file may be damaged: KeyError: 'inside'"
+    ):
+        read_mesh(tmp_path / "a.obj")

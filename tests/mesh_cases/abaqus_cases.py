@@ -82,6 +82,11 @@ ABAQUS = [
         Read(tri_groups={"q": 8}, notes=("split 4 quadrilaterals",)),
     ),
     _a(
+        "quadrilaterals with a repeated corner",
+        A_NODES + "*ELEMENT, TYPE=S4, ELSET=q\n" + rows([(a, b, c, c) for a, b, c in TRIANGLES]),
+        Read(tri_groups={"q": 8}, notes=("8 quadrilaterals with a repeated corner",)),
+    ),
+    _a(
         "one part, two instances, shifted and turned",
         A_TWO
         + "*Nset, nset=held, instance=two\nleft\n*Elset, elset=some, instance=one, generate\n1, 3\n*End Assembly\n",

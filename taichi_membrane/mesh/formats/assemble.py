@@ -175,12 +175,24 @@ def _of_kind(raw: RawMesh, kind: str) -> tuple[Ints, Ints]:
 
 
 def _triangles(points: NDArray[np.float64], raw: RawMesh, notes: list[str]) -> tuple[Ints, Ints]:
-    """Triangles in the order of the file, quads as two, and the cell that each comes from."""
+    """Triangles in the order of the file, quads as two, and the cell that each comes from.
+
+    A quad that gives one corner twice in a row is how some programs write a triangle; it is one.
+    """
     tri, tri_cell = _of_kind(raw, "triangle")
     quad, quad_cell = _of_kind(raw, "quad")
     if not len(quad):
         return tri, tri_cell
-    notes.append(f"split {several(len(quad), 'quadrilateral')} in two triangles each, along the shorter diagonal")
+    same = quad == np.roll(quad, -1, axis=1)
+    three = same.sum(axis=1) == 1
+    if three.any():
+        notes.append(f"{several(int(three.sum()), 'quadrilateral')} with a repeated corner: one triangle each")
+        tri = np.concatenate((tri, quad[three][~same[three]].reshape(-1, 3)))
+        tri_cell = np.concatenate((tri_cell, quad_cell[three]))
+        quad, quad_cell = quad[~three], quad_cell[~three]
+    if len(quad):
+        told = several(len(quad), "quadrilateral")
+        notes.append(f"split {told} in two triangles each, along the shorter diagonal")
     with np.errstate(over="ignore", invalid="ignore"):  # coordinates beyond all bounds are refused later
         one = ((points[quad[:, 2]] - points[quad[:, 0]]) ** 2).sum(axis=1)
         other = ((points[quad[:, 3]] - points[quad[:, 1]]) ** 2).sum(axis=1)

@@ -238,7 +238,7 @@ def sections(source: Source) -> Iterator[tuple[str, Words]]:
         line = 0 if binary else data.count(b"\n", 0, at)
         if name == "MeshFormat":
             version, binary, order, at = _format(source, at)
-        elif not version:
+        elif not version and name != "Comments":
             raise source.fault(f"$MeshFormat is expected first, got ${name}", line)
         whole = binary and name in _BINARY
         words = Words(source, name, version, binary, at, line, order)

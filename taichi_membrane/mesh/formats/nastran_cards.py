@@ -87,7 +87,7 @@ def _fields(text: str) -> tuple[str, list[str], str]:
         count = 4 if head.endswith("*") or head.startswith("*") else 8
         tail = cells[count] if len(cells) == count + 1 else ""
         # Longer lines are written by programs that take the number of fields as free.
-        kept = cells[:count] if tail or len(cells) <= count else cells
+        kept = cells[:count] if len(cells) <= count + 1 else cells
         return head, kept + [""] * (count - len(kept)), tail
     line = text.expandtabs(8)
     head = line[:8].strip()
