@@ -46,14 +46,15 @@ READERS = {
     ".mdpa": "mdpa",
     ".dxf": "dxf",
     ".3dm": "rhino",
+    ".cgns": "cgns",
 }
+_PACKAGES = {"rhino": "rhino3dm", "cgns": "h5py"}  # readers that need more than this program's own packages
 # Extensions that meshio reads, and the package it needs beside itself. Its readers of other formats drop or mistake what is here
 # carried over or refused, so they are not asked.
 MESHIO = {
     ".med": "h5py",
     ".xdmf": "h5py",
     ".xmf": "h5py",
-    ".cgns": "h5py",
     ".h5m": "h5py",
     ".e": "netCDF4",
     ".ex2": "netCDF4",
@@ -61,8 +62,6 @@ MESHIO = {
     ".meshb": "",
     ".su2": "",
     ".avs": "",
-    ".ugrid": "",
-    ".f3grid": "",
     ".vol": "",
     ".xml": "",
     ".tec": "",
@@ -102,8 +101,8 @@ def _reader(path: Path) -> Callable[[Source], RawMesh]:
         return _with_meshio  # Fluent's format of the same extension
     if suffix in READERS:
         module = READERS[suffix]
-        if module == "rhino":
-            _need(path, "rhino3dm")
+        if module in _PACKAGES:
+            _need(path, _PACKAGES[module])
         read: Callable[[Source], RawMesh] = import_module(f"taichi_membrane.mesh.formats.{module}").read
         return read
     if suffix not in MESHIO:

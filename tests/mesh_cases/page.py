@@ -38,7 +38,8 @@ code 2. A group that the scene does not use is never a reason to refuse a file.
 File extensions: {own}.
 Through meshio, with its sets and whole-number arrays as groups: {plain}; with a package more
 (`pip install 'taichi-membrane[mesh]'`): {extra}.
-`.3dm` needs rhino3dm: meshes of the model; layers and object names as groups.
+`.3dm` needs rhino3dm: meshes of the model; layers and object names as groups. `.cgns` needs h5py: one unstructured zone; sections
+and boundary conditions as groups.
 
 """
 

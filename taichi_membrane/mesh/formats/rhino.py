@@ -17,7 +17,8 @@ def read(source: Source) -> RawMesh:
     """
     import rhino3dm
 
-    model: Any = rhino3dm.File3dm.FromByteArray(list(source.data))
+    module: Any = rhino3dm  # its type stubs do not know what it takes
+    model = module.File3dm.FromByteArray(source.data)
     if model is None:
         raise source.fault("this is no Rhino model, or one of a version that rhino3dm does not read")
     layers = {layer.Index: layer.FullPath or layer.Name for layer in model.Layers}
