@@ -242,7 +242,6 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
         ("mesh", f"{scene.mesh.shape}: {mesh.node_count} nodes, {mesh.tri_count} elements, {area}, {closed}"),
         *(("mended", line) for line in mesh.mended),
         *(("noted", line) for line in mesh.notes),
-        *survey.lines_of(survey.survey(mesh), units.length, units.area, units.volume),
         ("nodes", ", ".join(f"{name}: {len(members)}" for name, members in mesh.node_groups.items())),
         ("elements", ", ".join(f"{name}: {len(members)}" for name, members in mesh.tri_groups.items())),
         *(("lines", f"{len(mesh.lines)}{_counts(mesh.line_groups)}") for _ in range(bool(len(mesh.lines)))),
@@ -250,6 +249,7 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
             ("loose", f"{len(mesh.loose_points)} points that no element uses{_counts(mesh.loose_groups)}")
             for _ in range(bool(len(mesh.loose_points)))
         ),
+        *survey.lines_of(survey.survey(mesh), units.length, units.area, units.volume),
         *(("fabric", line) for line in _fabric_lines(scene)),
         *(
             ("support", f"{item.group}: {item.hold or f'normal {list(item.normal or ())}'} held")
