@@ -142,7 +142,7 @@ OBJ = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
         ("rubbish.vtk", "rubbish\n" * 9, "'# vtk DataFile Version …', a title, and ASCII or BINARY"),
         ("rubbish.vtu", "<VTKFile", "no well-formed XML: unclosed token"),
         ("empty.obj", "", "the file holds no triangles and no cells"),
-        ("cut.msh", GMSH_4_1[:-30], r"line 38: .Elements has no .EndElements: the file is cut off"),
+        ("cut.msh", GMSH_4_1[:-30], r"line 34: .Elements has no .EndElements: the file is cut off"),
         ("letter.docx", "dear", "the file extension '.docx' is unknown; allowed: .*.msh.*.vtu"),
         ("letter", "dear", "the file extension '' is unknown"),
     ],
