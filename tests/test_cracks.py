@@ -153,3 +153,17 @@ def test_check_prints_what_a_mistake_of_units_or_a_hole_shows(tmp_path: Path, mo
     refused = CliRunner().invoke(app, ["check", "ball.toml", "--set", "supports=[{group='RP', hold='x'}]"])
     assert refused.exit_code == 2
     assert "node group 'RP' holds only points that no element uses" in refused.stderr
+
+
+def test_free_edges_of_three_sheets_at_one_place_are_refused() -> None:
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [1, 0, 0], [0, 0, 1], [0, 0, 0], [1, 0, 0], [0, -1, -1]]
+    triangles = np.arange(9).reshape(3, 3)
+    with pytest.raises(InputError, match=r"3 free edges lie on each other by more than two, .* keeps them apart"):
+        Mesh.build(points, triangles)
+    assert Mesh.build(points, triangles, open_seams=True).tri_count == 3
+
+
+def test_a_flat_triangle_is_no_joint_with_itself() -> None:
+    """Its apex lies nearer to its own base than the tolerance."""
+    mesh = Mesh.build([[0, 0, 0], [1, 0, 0], [0.5, 2e-4, 0]], [[0, 1, 2]])
+    assert mesh.tri_count == 1

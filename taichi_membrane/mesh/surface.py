@@ -109,24 +109,14 @@ class Mesh:
             loose = loose.renumbered(done.new_number, len(done.points), where)
             xyz, corners, mended = done.points, done.triangles, done.told
             node_members = check.as_groups(done.node_groups, len(xyz), "node", where)
-        hint = "" if repair else HINT
-        area_vector = check.area_vectors(xyz, corners)
-        tri_area = np.linalg.norm(area_vector, axis=1)
-        check.check_elements(xyz, corners, tri_area, where, hint)
-        table = edge_table(corners, len(xyz))
-        check.check_edges(corners, table, where, hint)
+        area_vector, table = _checked(xyz, corners, where, "" if repair else HINT)
         if not open_seams:
             check_seams(xyz, corners, table, tolerance, where, repair)
-        check.check_bodies(xyz, corners, table, tri_area, where, hint)
-        nodes = {"all": check.frozen(np.arange(len(xyz), dtype=np.int32))}
-        boundary = table.nodes[table.tri_count == 1]
-        if boundary.size:
-            nodes["boundary"] = check.frozen(sorted_unique(boundary.ravel()))
         elements = {"all": check.frozen(np.arange(len(corners), dtype=np.int32))}
         mesh = cls(
             check.frozen(xyz),
             check.frozen(corners),
-            nodes | node_members,
+            _given_groups(len(xyz), table) | node_members,
             elements | check.as_groups(tri_groups or {}, len(corners), "element", where),
             None if tri_warp is None else check.frozen(check.as_warp(tri_warp, area_vector, where)),
             mended,
@@ -219,6 +209,28 @@ class Mesh:
     def components(self) -> NDArray[np.int32]:
         """Return one label per node (node_count,), from 0: nodes joined by triangles share it."""
         return node_parts(self._edges.nodes, self.node_count)[1]
+
+
+def _checked(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], where: str, hint: str
+) -> tuple[NDArray[np.float64], EdgeTable]:
+    """Area vectors and edges of triangles that pass the checks of elements, edges and bodies."""
+    area_vector = check.area_vectors(points, triangles)
+    tri_area = np.linalg.norm(area_vector, axis=1)
+    check.check_elements(points, triangles, tri_area, where, hint)
+    table = edge_table(triangles, len(points))
+    check.check_edges(triangles, table, where, hint)
+    check.check_bodies(points, triangles, table, tri_area, where, hint)
+    return area_vector, table
+
+
+def _given_groups(node_count: int, table: EdgeTable) -> dict[str, NDArray[np.int32]]:
+    """The groups of nodes that every mesh has."""
+    nodes = {"all": check.frozen(np.arange(node_count, dtype=np.int32))}
+    boundary = table.nodes[table.tri_count == 1]
+    if boundary.size:
+        nodes["boundary"] = check.frozen(sorted_unique(boundary.ravel()))
+    return nodes
 
 
 def with_groups(

@@ -128,6 +128,13 @@ ANY = [
         O_SHEET.replace("v 2 2 0", "v nan 2 0"),
         "node 8 has coordinates .* that are not finite",
     ),
+    Case(
+        "any",
+        "a group named all that holds a part",
+        "o.obj",
+        O_SHEET.replace("f 1 2 5", "g all\nf 1 2 5").replace("f 4 5 8", "g\nf 4 5 8"),
+        Read(tri_groups={"all_of_file": 4}, notes=("the group named 'all' goes by the name 'all_of_file'",)),
+    ),
     Case("any", "an unknown extension", "o.docx", O_SHEET, "the file extension '.docx' is unknown; allowed: .3dm, "),
     Case(
         "any",

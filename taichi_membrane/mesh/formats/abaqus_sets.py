@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 Ints = NDArray[np.int64]
 _Kind = Literal["node", "element"]
+_DEEPEST = 100  # sets inside each other; real files have two or three
 
 
 @dataclass(eq=False)
@@ -83,6 +84,8 @@ class _Sets:
             raise definitions[0].source.fault(
                 f"the {kind} set {shown(definitions[0].name)} holds itself", definitions[0].line
             )
+        if len(self.open) > _DEEPEST:
+            raise definitions[0].source.fault(f"sets of sets are nested deeper than {_DEEPEST}", definitions[0].line)
         self.open.append(place)
         held = [np.empty(0, dtype=np.int64)]
         for definition in definitions:

@@ -74,6 +74,10 @@ def assemble(source: Source, raw: RawMesh) -> MeshParts:
     unused = int((number < 0).sum())
     if unused:
         notes.append(f"left out {several(unused, 'node')} that no element and no group uses")
+    nodes, tri_groups = (
+        _without_reserved(nodes, int(used.sum()), notes),
+        _without_reserved(tri_groups, len(triangles), notes),
+    )
     renumbered = {name: number[members] for name, members in nodes.items()}
     loose = {name: np.sort(members[members >= used.sum()]) for name, members in renumbered.items()}
     inside = {name: np.sort(members[members < used.sum()]) for name, members in renumbered.items()}
@@ -97,6 +101,18 @@ def assemble(source: Source, raw: RawMesh) -> MeshParts:
     )
 
 
+def _without_reserved(groups: dict[str, Ints], count: int, notes: list[str]) -> dict[str, Ints]:
+    """The groups with other names for those that a mesh cannot give: none, and "all" for a part."""
+    found: dict[str, Ints] = {}
+    for name, members in groups.items():
+        own = name if name.strip() else "unnamed"
+        own = "all_of_file" if own == "all" and len(members) != count else own
+        if own != name:
+            notes.append(f"the group named {name!r} goes by the name '{own}'")
+        found[own] = members
+    return found
+
+
 def _through(name: Callable[[int], str] | None, places: Ints) -> Callable[[int], str] | None:
     """The names of things that stand at other places in the file."""
     return None if name is None else lambda number: name(int(places[number]))
@@ -108,7 +124,9 @@ def _check(source: Source, raw: RawMesh) -> None:
         raise source.fault(f"points of three coordinates are expected, got an array of shape {raw.points.shape}")
     if not any(block.kind in ("triangle", "quad") and len(block.nodes) for block in raw.cells):
         held = [
-            several(len(block.nodes), block.kind, "vertices" if block.kind == "vertex" else "") for block in raw.cells
+            several(len(block.nodes), block.kind, "vertices" if block.kind == "vertex" else "")
+            for block in raw.cells
+            if len(block.nodes)
         ]
         told = f", only {listed(held)}" if held else " and no cells"
         raise source.fault(f"the file holds no triangles{told}, and {several(len(raw.points), 'node')}")

@@ -10,9 +10,8 @@ from taichi_membrane.mesh.formats.source import Source, several, shown
 
 _HEADER, _FACET = 84, 50  # bytes
 _WORDS = {"solid", "facet", "outer", "vertex", "endloop", "endfacet", "endsolid"}
-_OPPOSED = (
-    -0.5
-)  # cosine between a facet's stored normal and the one of its corners, below which they contradict each other
+# Cosine between a facet's stored normal and the one of its corners below which they contradict each other.
+_OPPOSED = -0.5
 
 
 def read(source: Source) -> RawMesh:
