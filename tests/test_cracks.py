@@ -167,3 +167,23 @@ def test_a_flat_triangle_is_no_joint_with_itself() -> None:
     """Its apex lies nearer to its own base than the tolerance."""
     mesh = Mesh.build([[0, 0, 0], [1, 0, 0], [0.5, 2e-4, 0]], [[0, 1, 2]])
     assert mesh.tri_count == 1
+
+
+def test_triangles_that_cross_at_their_tips_are_found() -> None:
+    """Their middles are farther apart than either is large."""
+    one = np.array([[0.0, -0.5, 0.0], [0.0, 0.5, 0.0], [3.0, 0.0, 0.0]])
+    other = np.array([[5.5, 0.01, -0.5], [5.5, 0.01, 0.5], [2.5, 0.01, -0.01]])
+    pairs = crossings(np.concatenate((one, other)), np.arange(6).reshape(2, 3))
+    assert pairs.tolist() == [[0, 1]]
+
+
+def test_minus_zero_is_zero(tmp_path: Path) -> None:
+    facets = ["0 0 0 1 0 0 0 1 0", "-0.0 -0.0 0 0 1 0 -1 0 0"]
+    text = "".join(
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join(f"vertex {' '.join(facet.split()[3 * k : 3 * k + 3])}\n" for k in range(3))
+        + "endloop\nendfacet\n"
+        for facet in facets
+    )
+    (tmp_path / "z.stl").write_text(f"solid z\n{text}endsolid z\n")
+    assert read_mesh(tmp_path / "z.stl").node_count == 4

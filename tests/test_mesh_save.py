@@ -209,3 +209,12 @@ def test_repair_carries_lines_and_loose_points_along() -> None:
     assert mesh.loose_groups["top"].tolist() == [flat.node_count]
     with pytest.raises(InputError, match="line 0 uses a node that no element uses"):
         Mesh.build(points, flat.triangles + 1, repair=True, lines=[[0, 1]])
+
+
+def test_a_run_on_a_mesh_with_open_seams_is_read_back(tmp_path: Path) -> None:
+    from taichi_membrane.output.reader import _mesh
+
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [1, 0, 0], [0, -1, 0]]
+    mesh = Mesh.build(points, [[0, 1, 2], [4, 3, 5]], open_seams=True)
+    checksum = _write_vtu(tmp_path / "mesh.vtu", mesh, {}, {})
+    assert _mesh(tmp_path / "mesh.vtu", checksum).node_count == 6

@@ -12,8 +12,8 @@ from taichi_membrane.mesh import check
 from taichi_membrane.mesh.crossing import crossings
 from taichi_membrane.mesh.surface import Mesh
 
-# Triangles beyond which crossings are not looked for: at this number the search takes about ten seconds.
-MOST_SEARCHED = 300_000
+# Triangles beyond which crossings are not looked for: at this number the search takes about ten seconds and a gigabyte.
+MOST_SEARCHED = 1_000_000
 _MOST_SHOWN = 6  # bodies and loops that are listed
 
 
