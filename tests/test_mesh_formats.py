@@ -112,3 +112,21 @@ def test_a_failure_inside_a_reader_is_one_message(tmp_path: Path, monkeypatch: p
         InputError, match=r"a\.obj: the mesh cannot be read, the file may be damaged: KeyError: 'inside'"
     ):
         read_mesh(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize(
+    ("cards", "place"),
+    [
+        ("*NODE, SYSTEM=C\n1, 2, 30, 4\n", (3**0.5, 1.0, 4.0)),
+        ("*NODE, SYSTEM=S\n1, 2, 90, 30\n", (0.0, 3**0.5, 1.0)),  # 30 degrees up from the plane of x and y
+        ("*SYSTEM\n5, 6, 7\n*NODE\n1, 1, 2, 3\n", (6.0, 8.0, 10.0)),
+        ("*SYSTEM\n5, 6, 7, 5, 9, 7\n*NODE\n1, 1, 2, 3\n", (3.0, 7.0, 10.0)),
+        ("*SYSTEM\n5, 6, 7, 5, 6, 9\n6, 6, 7\n*NODE\n1, 1, 2, 3\n", (7.0, 9.0, 8.0)),
+    ],
+)
+def test_positions_in_systems_of_abaqus(tmp_path: Path, cards: str, place: tuple[float, ...]) -> None:
+    rest = "*SYSTEM\n*NODE\n2, 50, 0, 0\n3, 0, 60, 0\n*ELEMENT, TYPE=S3\n1, 1, 2, 3\n"
+    (tmp_path / "a.inp").write_text(cards + rest)
+    mesh = read_mesh(tmp_path / "a.inp")
+    assert mesh.points[0] == pytest.approx(np.array(place), abs=1e-12)
+    assert mesh.points[1].tolist() == [50.0, 0.0, 0.0]
