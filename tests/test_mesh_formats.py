@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from pathlib import Path
 
 import numpy as np
@@ -130,3 +131,29 @@ def test_positions_in_systems_of_abaqus(tmp_path: Path, cards: str, place: tuple
     mesh = read_mesh(tmp_path / "a.inp")
     assert mesh.points[0] == pytest.approx(np.array(place), abs=1e-12)
     assert mesh.points[1].tolist() == [50.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("size", ["UInt32", "UInt64"])
+def test_binary_arrays_of_vtu_in_all_their_spellings(tmp_path: Path, order: str, apart: bool, size: str) -> None:
+    """Either byte order; the length before the numbers encoded with them or by itself; a pixel, whose corners go in rows."""
+
+    def array(name: str, kind: str, values: np.ndarray) -> str:
+        data = values.astype(values.dtype.newbyteorder(order)).tobytes()
+        head = np.array([len(data)], dtype=f"{order}u{4 if size == 'UInt32' else 8}").tobytes()
+        parts = [head, data] if apart else [head + data]
+        text = "".join(base64.b64encode(part).decode() for part in parts)
+        width = ' NumberOfComponents="3"' if name == "xyz" else ""
+        return f'<DataArray type="{kind}" Name="{name}"{width} format="binary">{text}</DataArray>'
+
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=np.float64)
+    (tmp_path / "v.vtu").write_text(
+        f'<VTKFile type="UnstructuredGrid" byte_order="{"LittleEndian" if order == "<" else "BigEndian"}" header_type="{size}">'
+        f'<UnstructuredGrid><Piece NumberOfPoints="4" NumberOfCells="1"><Points>{array("xyz", "Float64", points)}</Points><Cells>'
+        f"{array('connectivity', 'Int32', np.arange(4, dtype=np.int32))}{array('offsets', 'Int32', np.array([4], dtype=np.int32))}"
+        f"{array('types', 'UInt8', np.array([8], dtype=np.uint8))}</Cells></Piece></UnstructuredGrid></VTKFile>"
+    )
+    mesh = read_mesh(tmp_path / "v.vtu")
+    assert np.array_equal(mesh.points, points)
+    assert float(mesh.tri_areas().sum()) == 1.0

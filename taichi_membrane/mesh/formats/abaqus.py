@@ -257,6 +257,7 @@ def _joined(reader: _Reader, placed: list[Placed]) -> RawMesh:
     labels: list[tuple[str, int, int]] = []
     rows: list[tuple[CellKind, list[int]]] = []
     numbering: list[tuple[Numbering, Numbering]] = []
+    at: list[dict[int, int]] = []
     digits = 0.0
     for item in placed:
         scopes = [scope for scope in (item.part, item.scope) if scope is not None]
@@ -273,8 +274,9 @@ def _joined(reader: _Reader, placed: list[Placed]) -> RawMesh:
         names += [(item.scope.name, label) for label in place]
         nodes = Numbering(np.array(list(place), dtype=np.int64))
         numbering.append((nodes, Numbering(np.array(list(elements), dtype=np.int64))))
+        at.append({label: number for number, label in enumerate(place, item.first_point)})
         for kind, corners, source, line in elements.values():
-            rows.append((kind, [_node(word, item, placed, numbering, source, line) for word in corners]))
+            rows.append((kind, [_node(word, item, placed, at, source, line) for word in corners]))
         labels += [(item.scope.name, label, element[3]) for label, element in elements.items()]
     raw = RawMesh(np.concatenate(points), resolution=digits, notes=reader.notes)
     raw.add_rows(rows)
@@ -286,22 +288,13 @@ def _joined(reader: _Reader, placed: list[Placed]) -> RawMesh:
     return raw
 
 
-def _node(
-    word: str,
-    item: Placed,
-    placed: list[Placed],
-    numbering: list[tuple[Numbering, Numbering]],
-    source: Source,
-    line: int,
-) -> int:
+def _node(word: str, item: Placed, placed: list[Placed], at: list[dict[int, int]], source: Source, line: int) -> int:
     """The place of a node in the points; ``instance.number`` is a node of an instance read before."""
     inside, _, number = word.rpartition(".")
-    label = np.array([source.whole(number, line, "a node number")])
-    for owner, (nodes, _) in zip(placed, numbering, strict=False):
-        if owner is item if not inside else owner.scope.name.upper() == inside.upper():
-            at = int(nodes.find(label)[0])
-            if at >= 0:
-                return at + owner.first_point
+    label = source.whole(number, line, "a node number")
+    for owner, places in zip(placed, at, strict=False):
+        if label in places and (owner is item if not inside else owner.scope.name.upper() == inside.upper()):
+            return places[label]
     raise source.fault(f"an element uses node {word}, which is not defined", line)
 
 

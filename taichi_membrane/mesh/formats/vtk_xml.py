@@ -92,7 +92,8 @@ class _File:
         if self.compression is None:
             self._bounded(first, name)
             ends = 4 * -(-size // 3)
-            apart = text[ends - 1 : ends] == b"=" and first > 0
+            # Padding before the numbers begin: the header was encoded by itself.
+            apart = text[ends - 1 : ends] == b"=" and size + first > 3 * ends // 4 - text[:ends].count(b"=")
             return self._typed(bytes_of(ends, first) if apart else bytes_of(0, size + first)[size:], kind, name)
         self._bounded(8 * first, name)
         head_size = (3 + first) * size
