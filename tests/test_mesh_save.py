@@ -218,3 +218,11 @@ def test_a_run_on_a_mesh_with_open_seams_is_read_back(tmp_path: Path) -> None:
     mesh = Mesh.build(points, [[0, 1, 2], [4, 3, 5]], open_seams=True)
     checksum = _write_vtu(tmp_path / "mesh.vtu", mesh, {}, {})
     assert _mesh(tmp_path / "mesh.vtu", checksum).node_count == 6
+
+
+def test_an_array_that_numbers_the_cells_makes_no_groups() -> None:
+    ball = sphere(radius=2.0, divisions=12)
+    thing = meshio.Mesh(ball.points, [("triangle", ball.triangles)], cell_data={"id": [np.arange(ball.tri_count)]})
+    mesh = Mesh.from_object(thing)
+    assert set(mesh.tri_groups) == {"all"}
+    assert mesh.notes == ("'id' has 1152 different values, more than 1000: taken as numbering, not as groups",)

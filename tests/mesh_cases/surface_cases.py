@@ -140,9 +140,15 @@ def _p(feature: str, content: str | bytes, verdict: Read | str) -> Case:
     return Case("PLY .ply", feature, "p.ply", content, verdict)
 
 
+# The first two triangles as one quadrilateral, last, so that a row of the first one's length does not fit it.
+P_MIXED = p_binary("<").replace(b"face 8", b"face 7")
+P_MIXED = P_MIXED[: -8 * 13] + P_MIXED[-4 * 13 :] + P_MIXED[-6 * 13 : -4 * 13] + struct.pack("<B4i", 4, 0, 1, 4, 3)
+
+
 PLY = [
     _p("text; vertex_indices or vertex_index", P_SHEET.replace("indices", "index"), Read()),
     _p("binary, low byte first", p_binary("<"), Read()),
+    _p("binary, triangles and quadrilaterals mixed", P_MIXED, Read(notes=("split 1 quadrilateral ",))),
     _p("binary, high byte first", p_binary(">"), Read()),
     _p(
         "whole numbers of faces as groups",
