@@ -185,6 +185,7 @@ def _mesh(path: Path, checksum: str) -> Mesh:
         _groups(cells),
         warp,
         where=str(path),
+        open_seams=True,  # the scene said what becomes of them when the run began
     )
     # They were unit vectors in the elements' planes already; made so once more, they would differ in the last bit.
     return mesh if warp is None else replace(mesh, tri_warp=frozen(np.asarray(warp, dtype=np.float64)))

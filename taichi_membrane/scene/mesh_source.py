@@ -100,11 +100,17 @@ class GivenMesh(Record):
 
 
 class MeshFile(Record):
-    """A triangle mesh in any format meshio reads; a relative path is relative to the scene file."""
+    """A triangle mesh in a file (docs/meshes.md lists the formats); a relative path is relative to the scene file.
+
+    ``open_seams`` keeps free edges that lie on each other apart, as slits; without it they are refused, or joined by ``--repair``.
+    ``join`` is how near nodes of free edges are one for ``--repair`` [length]; by the file's digits without it.
+    """
 
     shape: Literal["file"] = "file"
     path: Annotated[str, Field(min_length=1, max_length=1000)]
     scale: Positive = 1.0
+    open_seams: bool = False
+    join: Positive | None = None
 
 
 MeshSource = Annotated[
