@@ -65,6 +65,16 @@ STL = [
         S_SHEET.replace("    endloop", "      vertex 0 1 0\n    endloop", 1),
         "line 8: the facet has 4 vertices",
     ),
+    _s(
+        "normals that are no numbers",
+        S_SHEET.replace("0 0 1\n    outer", "-nan(ind) -nan(ind) -nan(ind)\n    outer"),
+        Read(),
+    ),
+    _s(
+        "facets without area",
+        S_SHEET.replace("vertex 1 1 0", "vertex 2 0 0", 1),
+        r"element 0 .* is degenerate: .* In the file: facet 0 \(line 2\)",
+    ),
 ]
 
 
@@ -116,6 +126,11 @@ OBJ = [
     ),
     _o(
         "vertices that there are not", O_SHEET + "f 1 2 10\n", "line 18: vertex 10 is used, and the file has 9 vertices"
+    ),
+    _o(
+        "number signs inside names",
+        O_SHEET.replace("f 1 2 5", "usemtl pvc#1 # low\nf 1 2 5").replace("f 4 5 8", "usemtl pvc#2\nf 4 5 8"),
+        Read(tri_groups={"pvc#1": 4, "pvc#2": 4}),
     ),
 ]
 

@@ -9,7 +9,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from taichi_membrane.mesh.formats.raw import CellKind, RawMesh
-from taichi_membrane.mesh.formats.source import Source, listed, shown
+from taichi_membrane.mesh.formats.source import Source, listed, several, shown
+
+# What $INSUNITS says one unit is.
+_UNITS = {
+    1: "inch",
+    2: "foot",
+    4: "millimetre",
+    5: "centimetre",
+    6: "metre",
+    7: "kilometre",
+    10: "yard",
+    14: "decimetre",
+}
 
 
 @dataclass(eq=False)
@@ -34,9 +46,13 @@ def _pairs(source: Source) -> Iterator[tuple[int, str, int]]:
 
 def _entities(source: Source) -> Iterator[tuple[str, _Entity]]:
     """All entities with the section they stand in."""
-    section, own = "", None
+    section, own, variable = "", None, ""
     ended = False
     for code, value, line in _pairs(source):
+        if code == 9:
+            variable = value.upper()
+        elif code == 70 and variable == "$INSUNITS":
+            yield "HEADER", _Entity(variable, line, {70: value})
         if code != 0:
             if own is not None:
                 own.values.setdefault(code, value)
@@ -64,11 +80,17 @@ class _Drawing:
     block: str = ""
     polyline: _Entity | None = None
     vertices: list[_Entity] = field(default_factory=list)
+    paper: int = 0
+    unit: str = ""
 
     def take(self, section: str, own: _Entity) -> None:
         """Act on one entity."""
         if section == "BLOCKS":
             self._in_block(own)
+        elif section == "HEADER" and own.name == "$INSUNITS":
+            self.unit = _UNITS.get(self._flag(own), "")
+        elif section == "ENTITIES" and own.values.get(67) == "1" and own.name not in ("VERTEX", "SEQEND"):
+            self.paper += 1  # drawn on a sheet of paper, not in the model
         elif section == "ENTITIES":
             self._in_drawing(own)
 
@@ -199,6 +221,10 @@ class _Drawing:
         raw.cell_name = lambda cell: f"{rows[cell][0]} {cell} (line {self.row_lines[cell]})"
         for layer, cells in self.layers.items():
             raw.group_cells(layer, cells)
+        if self.unit:
+            raw.notes.append(f"the drawing's unit is the {self.unit} ($INSUNITS); its numbers are taken as they stand")
+        if self.paper:
+            raw.notes.append(f"not carried over: {several(self.paper, 'entity', 'entities')} of paper space")
         if self.left_out:
             told = listed((f"{name} ({count}, first on line {at})" for name, (count, at) in self.left_out.items()), 12)
             raw.notes.append(f"not carried over: {told}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_membrane.mesh.formats.nastran_cards import Card, cards
+from taichi_membrane.mesh.formats.nastran_cards import Card, cards, control_sets
 from taichi_membrane.mesh.formats.raw import SECOND_ORDER, SOLID, CellKind, RawMesh
 from taichi_membrane.mesh.formats.source import Numbering, Source, listed, several, shown
 from taichi_membrane.mesh.precision import resolution
@@ -43,12 +43,9 @@ _NO_ELEMENTS = (
     "CHBDYG",
 )
 _SILENT = ("PARAM", "MDLPRM", "EIGRL", "EIGR", "SPC1", "EIGC")
-_OFFSETS = {
-    "CTRIA3": (6, 7),
-    "CTRIAR": (6, 0),
-    "CQUAD4": (7, 8),
-    "CQUADR": (7, 0),
-}  # fields of material angle and offset
+# Fields of material angle and offset, and those of the thickness at the corners.
+_OFFSETS = {"CTRIA3": (6, 7), "CTRIAR": (6, 7), "CQUAD4": (7, 8), "CQUADR": (7, 8)}
+_THICKNESS = {"CTRIA3": (11, 12, 13), "CTRIAR": (11, 12, 13), "CQUAD4": (11, 12, 13, 14), "CQUADR": (11, 12, 13, 14)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +133,8 @@ class _Deck:
     turned: int = 0
     shifted: int = 0
     thick: int = 0
+    thick_corners: int = 0
+    held: int = 0
 
     def __post_init__(self) -> None:
         self.systems = _Systems(self.grids)
@@ -192,6 +191,7 @@ class _Deck:
             (card.real(3, _A, 0.0), card.real(4, _A, 0.0), card.real(5, _A, 0.0)),
             card,
         )
+        self.held += card.word(7) not in ("", "0")
         before = self.grids.setdefault(number, own)
         if (before.system, before.numbers) != (own.system, own.numbers):
             raise card.source.fault(
@@ -213,9 +213,10 @@ class _Deck:
             # The property of an element that names none is the one of the element's own number.
             self.property_of[number] = f"pid_{card.whole(at_property, 'the property', number)}"
         if card.name in _OFFSETS:
-            angle, offset = (card.word(at) if at else "" for at in _OFFSETS[card.name])
-            self.turned += angle not in ("", "0.0", "0.", "0", ".0")
-            self.shifted += offset not in ("", "0.0", "0.", "0", ".0")
+            angle, offset = (card.word(at).strip("0.") for at in _OFFSETS[card.name])
+            self.turned += angle != ""
+            self.shifted += offset != ""
+            self.thick_corners += any(card.word(at) for at in _THICKNESS[card.name])
 
     def finish(self) -> RawMesh:
         """All that was read, as one mesh."""
@@ -276,6 +277,13 @@ class _Deck:
             raw.notes.append(f"not carried over: the material angle of {self.turned} elements")
         if self.shifted:
             raw.notes.append(f"not carried over: the offset of {self.shifted} elements from their grid points")
+        if self.thick_corners:
+            raw.notes.append(f"not carried over: the thickness at the corners of {self.thick_corners} elements")
+        if self.held:
+            raw.notes.append(f"not carried over: the constraints (PS) of {several(self.held, 'grid point')}")
+        sets, line = control_sets(self.source)
+        if sets:
+            raw.notes.append(f"not carried over: SET of the case control ({sets}, first on line {line})")
         if self.left_out:
             told = listed((f"{name} ({count}, first on line {at})" for name, (count, at) in self.left_out.items()), 12)
             raw.notes.append(f"not carried over: {told}")
