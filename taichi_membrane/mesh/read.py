@@ -69,6 +69,21 @@ MESHIO = {
     ".post": "",
     ".dato": "",
 }
+# Extensions of the trade that are not read, and what to save instead.
+_ELSEWHERE = (
+    (
+        (".ugrid", ".f3grid", ".unv", ".node", ".ele", ".hmf", ".neu", ".h5"),
+        "save it as .msh, .vtu, .inp, .bdf or .med",
+    ),
+    (
+        (".step", ".stp", ".iges", ".igs", ".brep", ".sat", ".x_t"),
+        "it holds no mesh: mesh it (gmsh -2) and save it as .msh",
+    ),
+    ((".pvtu", ".pvtp", ".vtm", ".pvd", ".vtkhdf", ".case"), "open it in ParaView and save one .vtu or .vtp"),
+    ((".dwg", ".skp"), "save it as .dxf, with 3DFACE or polyface meshes"),
+    ((".blend", ".fbx", ".dae", ".3ds", ".glb", ".gltf", ".x3d", ".wrl", ".3mf", ".amf"), "save it as .obj or .stl"),
+    ((".svg", ".pdf"), "it is a drawing in a plane and no mesh"),
+)
 EXTRA = "pip install 'taichi-membrane[mesh]'"
 
 
@@ -107,6 +122,9 @@ def _reader(path: Path) -> Callable[[Source], RawMesh]:
         return read
     if suffix not in MESHIO:
         known = ", ".join(sorted({*READERS, *MESHIO}))
+        remedy = next((words for suffixes, words in _ELSEWHERE if suffix in suffixes), "")
+        if remedy:
+            raise InputError(f"{path}: the file extension '{path.suffix}' is not one that is read: {remedy}")
         raise InputError(f"{path}: the file extension '{path.suffix}' is unknown; allowed: {known}")
     if MESHIO[suffix]:
         _need(path, MESHIO[suffix])

@@ -212,4 +212,9 @@ ABAQUS = [
             notes=("the instance 'two' gives no group: an element set of the assembly has its name",),
         ),
     ),
+    _a(
+        "a keyword without its comma",
+        A_SHEET.replace("*ELEMENT,", "*ELEMENT"),
+        r"line 11: a comma is missing between keyword and parameter: '\*ELEMENT TYPE=S3'",
+    ),
 ]

@@ -151,4 +151,10 @@ NASTRAN = [
         "CEND\nSET 1 = 1 THRU 5\nBEGIN BULK\n" + N_SHEET,
         Read(notes=("SET of the case control (1, first on line 2)",), **PIDS),
     ),
+    _n(
+        "elements that name no property",
+        N_SHEET.replace("10      ", "        ").replace("20      ", "        ") + "PSHELL,8,3\n",
+        Read(tri_groups={"pid_8": 1, "mid_3": 1}),
+    ),
+    _n("SPC1", N_SHEET + "SPC1,1,123,1,THRU,3\n", Read(notes=("SPC1 (1, first on line 18)",), **PIDS)),
 ]

@@ -77,6 +77,28 @@ DXF = [
         x_drawing(X_FACES.replace("8\nlow", "8\nlow\n230\n-1")),
         Read(tri_groups=HALVES),
     ),
+    _x(
+        "invisible entities",
+        x_drawing(X_FACES + x_face((1, 3, 7), "x").replace("8\nx", "60\n1\n8\nx")),
+        Read(tri_groups=HALVES, notes=("1 invisible entity",)),
+    ),
+    _x(
+        "layers that are off or frozen",
+        x_drawing(X_FACES).replace(
+            "0\nSECTION", "0\nSECTION\n2\nTABLES\n0\nLAYER\n2\nlow\n70\n1\n0\nENDSEC\n0\nSECTION", 1
+        ),
+        Read(tri_groups=HALVES, notes=("layers that are off or frozen, read like others: low",)),
+    ),
+    _x(
+        "polyface meshes whose faces lie in layers of their own",
+        x_drawing(X_POLYFACE.replace("0\nVERTEX\n70\n128", "0\nVERTEX\n8\nlow\n70\n128", 4)),
+        Read(tri_groups={"low": 4, "skin": 4}),
+    ),
+    _x(
+        "blocks with solids",
+        x_drawing(X_FACES + "0\nINSERT\n2\nB\n", "0\nBLOCK\n2\nB\n0\n3DSOLID\n"),
+        "the block 'B' is inserted: explode blocks",
+    ),
 ]
 
 
@@ -183,6 +205,7 @@ ANY = [
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3 4\n",
         r"quad 0 \(line 5\) is a quadrilateral that crosses itself, is folded or has no area; 1 such in all",
     ),
+    Case("any", "extensions of the trade that are not read", "o.step", "ISO-10303-21;", "it holds no mesh: mesh it"),
     Case("any", "an unknown extension", "o.docx", O_SHEET, "the file extension '.docx' is unknown; allowed: .3dm, "),
     Case(
         "any",

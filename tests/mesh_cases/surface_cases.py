@@ -194,6 +194,14 @@ PLY = [
     ),
     _p("counts that do not agree", P_SHEET + "3 0 1 4\n", "line 27: more lines follow than are announced"),
     _p("a file that is cut off", P_SHEET[:-8], "8 times face are announced, 7 are there: cut off"),
+    _p(
+        "normals and colours of vertices, texture of faces",
+        P_HEAD.format("ascii").replace("property float x", "property uchar red\nproperty float x")
+        + P_FACES.format("vertex_indices").replace("end_header", "property list uchar float texcoord\nend_header")
+        + "".join(f"255 {x} {y} {z}\n" for x, y, z in NODES)
+        + "".join(f"3 {a - 1} {b - 1} {c - 1} 2 0 0\n" for a, b, c in TRIANGLES),
+        Read(notes=("'texcoord' of faces", "'red' of vertices")),
+    ),
 ]
 
 
@@ -211,9 +219,13 @@ OFF = [
     _f(
         "COFF: colours of vertices",
         "COFF\n9 8 0\n" + "".join(f"{x} {y} {z} 255 0 0 255\n" for x, y, z in NODES) + F_BODY[54:],
-        Read(),
+        Read(notes=("normals, colours or texture of the vertices",)),
     ),
-    _f("NOFF: normals", "NOFF\n9 8 0\n" + "".join(f"{x} {y} {z} 0 0 1\n" for x, y, z in NODES) + F_BODY[54:], Read()),
+    _f(
+        "NOFF: normals",
+        "NOFF\n9 8 0\n" + "".join(f"{x} {y} {z} 0 0 1\n" for x, y, z in NODES) + F_BODY[54:],
+        Read(notes=("normals, colours",)),
+    ),
     _f(
         "colours of faces",
         "OFF\n9 8 0\n" + F_BODY.replace("3 0 1 4\n", "3 0 1 4 255 0 0\n"),

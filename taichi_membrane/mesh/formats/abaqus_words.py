@@ -155,6 +155,8 @@ def _keyword(text: str, source: Source, line: int) -> tuple[str, dict[str, str]]
     """Name without blanks in capitals, parameters; commas inside quotation marks separate nothing."""
     head, *rest = re.findall(r'(?:[^,"]|"[^"]*"?)+', text)
     name = re.sub(r"\s+", "", head[1:]).upper()
+    if "=" in name:
+        raise source.fault(f"a comma is missing between keyword and parameter: {shown(head.strip())}", line)
     parameters: dict[str, str] = {}
     for part in rest:
         key, equals, value = part.partition("=")

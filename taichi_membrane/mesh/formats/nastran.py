@@ -42,7 +42,8 @@ _NO_ELEMENTS = (
     "CHBDYE",
     "CHBDYG",
 )
-_SILENT = ("PARAM", "MDLPRM", "EIGRL", "EIGR", "SPC1", "EIGC")
+_PROPERTIES = ("PSHELL", "PCOMP", "PCOMPG", "PROD", "PTUBE", "PBAR", "PBARL", "PBEAM", "PBEAML")
+_SILENT = ("PARAM", "MDLPRM", "EIGRL", "EIGR", "EIGC")
 # Fields of material angle and offset, and those of the thickness at the corners.
 _OFFSETS = {"CTRIA3": (6, 7), "CTRIAR": (6, 7), "CQUAD4": (7, 8), "CQUADR": (7, 8)}
 _THICKNESS = {"CTRIA3": (11, 12, 13), "CTRIAR": (11, 12, 13), "CQUAD4": (11, 12, 13, 14), "CQUADR": (11, 12, 13, 14)}
@@ -135,6 +136,8 @@ class _Deck:
     thick: int = 0
     thick_corners: int = 0
     held: int = 0
+    properties: set[int] = field(default_factory=set)
+    unnamed: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.systems = _Systems(self.grids)
@@ -160,7 +163,11 @@ class _Deck:
                 self.systems.by_nodes[number] = (card, (nodes[0], nodes[1], nodes[2]))
         elif name in _ELEMENTS:
             self._element(card)
-        elif name == "PSHELL":
+        elif name in _PROPERTIES:
+            self.properties.add(card.whole(1, "the property"))
+            if name != "PSHELL":
+                self._leave_out(card)
+                return
             self.thick += bool(card.word(3))
             if card.word(2):
                 self.materials[card.whole(1, "the property")] = card.whole(2, "the material")
@@ -174,8 +181,11 @@ class _Deck:
             )
             raise card.source.fault(told, card.line)
         elif name not in _SILENT:
-            count, line = self.left_out.get(name, (0, card.line))
-            self.left_out[name] = (count + 1, line)
+            self._leave_out(card)
+
+    def _leave_out(self, card: Card) -> None:
+        count, line = self.left_out.get(card.name, (0, card.line))
+        self.left_out[card.name] = (count + 1, line)
 
     def _new_system(self, number: int, card: Card) -> None:
         if number < 1 or number in self.systems.by_points or number in self.systems.by_nodes:
@@ -210,8 +220,11 @@ class _Deck:
         nodes = [card.whole(first + k, f"grid point {k + 1}") for k in range(count)]
         self.elements[number] = (card, kind, nodes)
         if at_property:
-            # The property of an element that names none is the one of the element's own number.
-            self.property_of[number] = f"pid_{card.whole(at_property, 'the property', number)}"
+            # The property of an element that names none is the one of the element's own number; there may be none.
+            pid = card.whole(at_property, "the property", number)
+            self.property_of[number] = f"pid_{pid}"
+            if not card.word(at_property):
+                self.unnamed[number] = pid
         if card.name in _OFFSETS:
             angle, offset = (card.word(at).strip("0.") for at in _OFFSETS[card.name])
             self.turned += angle != ""
@@ -254,6 +267,8 @@ class _Deck:
         return float(max(digits))
 
     def _groups(self, raw: RawMesh, elements: list[int]) -> None:
+        for number in [number for number, pid in self.unnamed.items() if pid not in self.properties]:
+            del self.property_of[number]
         cells: dict[str, list[int]] = {}
         for cell, number in enumerate(elements):
             name = self.property_of.get(number)
