@@ -157,3 +157,34 @@ def test_binary_arrays_of_vtu_in_all_their_spellings(tmp_path: Path, order: str,
     mesh = read_mesh(tmp_path / "v.vtu")
     assert np.array_equal(mesh.points, points)
     assert float(mesh.tri_areas().sum()) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("card", "rows", "digit"),
+    [
+        ("CORD2C", ("100.,33.333,0.", "100.,77.125,0.", "100.,50.012,60."), 1e-3 * np.pi / 180 * 100),
+        ("CORD2C", ("100.,30.,0.", "100.,60.,0.", "100.,45.,161.234"), 1e-3),
+        ("CORD2S", ("200.,30.,10.", "200.,60.,20.", "200.,45.,61.234"), 1e-3 * np.pi / 180 * 200),
+        ("CORD2R", ("100.,30.,10.", "100.,60.,20.", "100.,45.,161.234"), 1e-3),
+    ],
+)
+def test_digits_of_angles_count_at_their_radius(tmp_path: Path, card: str, rows: tuple[str, ...], digit: float) -> None:
+    """Three decimals of degrees or of length; the tolerance for equal nodes is four of the last digit."""
+    system = f"{card},5,0,0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\n"
+    grids = "".join(f"GRID,{n},5,{row}\n" for n, row in enumerate(rows, 1))
+    (tmp_path / "n.bdf").write_text(f"{system}{grids}CTRIA3,1,1,1,2,3\n")
+    assert read_mesh(tmp_path / "n.bdf").tolerance == pytest.approx(4.0 * digit, rel=1e-6)
+
+
+def test_numbers_that_differ_from_cell_to_cell_are_no_groups(tmp_path: Path) -> None:
+    """A thousand different values group the cells; one more numbers them."""
+    for count in (1000, 1001):
+        strip = "".join(f"v {k // 2} {k % 2} 0\n".replace("v ", "") for k in range(count + 2))
+        faces = "".join(f"3 {k + k % 2} {k + 1 - k % 2} {k + 2} {k}\n" for k in range(count))
+        (tmp_path / "p.ply").write_text(
+            f"ply\nformat ascii 1.0\nelement vertex {count + 2}\nproperty float x\nproperty float y\nproperty float z\n"
+            f"element face {count}\nproperty list uchar int vertex_indices\nproperty int part\nend_header\n{strip}{faces}"
+        )
+        mesh = read_mesh(tmp_path / "p.ply", repair=True)
+        assert len(mesh.tri_groups) == (1 + count if count == 1000 else 1)
+        assert ("'part' has 1001 different values" in " ".join(mesh.notes)) == (count == 1001)

@@ -75,6 +75,11 @@ STL = [
         S_SHEET.replace("vertex 1 1 0", "vertex 2 0 0", 1),
         r"element 0 .* is degenerate: .* In the file: facet 0 \(line 2\)",
     ),
+    _s(
+        "zeros with a minus",
+        S_SHEET.replace("vertex 0 ", "vertex -0 ", 1).replace("vertex 1 0 0", "vertex 1 -0.0 0", 1),
+        Read(),
+    ),
 ]
 
 

@@ -259,11 +259,13 @@ class _Deck:
     def _digits(self) -> float:
         """Last digit of the coordinates [length]; angles of curved systems count at their radius."""
         numbers = np.array([grid.numbers for grid in self.grids.values()])
-        curved = np.array([self.systems.known.get(grid.system, ("R",))[0] != "R" for grid in self.grids.values()])
-        digits = [resolution(numbers[~curved])] if (~curved).any() else []
-        if curved.any():
-            digits += [resolution(numbers[curved][:, :1])]
-            digits += [resolution(numbers[curved][:, 1:2]) * np.pi / 180.0 * float(np.abs(numbers[curved][:, 0]).max())]
+        shapes = np.array([self.systems.known.get(grid.system, ("R",))[0] for grid in self.grids.values()])
+        digits = []
+        for shape, lengths, angles in (("R", [0, 1, 2], []), ("C", [0, 2], [1]), ("S", [0], [1, 2])):
+            own = numbers[shapes == shape]
+            if len(own):
+                radius = float(np.abs(own[:, 0]).max())
+                digits += [resolution(own[:, lengths]), np.radians(resolution(own[:, angles])) * radius]
         return float(max(digits))
 
     def _groups(self, raw: RawMesh, elements: list[int]) -> None:
