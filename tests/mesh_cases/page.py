@@ -19,8 +19,8 @@ Made from the table that the tests check (`tests/mesh_cases`), by `PYTHONPATH=te
 A mesh is triangles, with named groups of elements and of nodes; line elements with named groups (`mesh.lines`, `mesh.line_groups`);
 and points that no triangle uses but a group or a line does (`mesh.loose_points`, `mesh.loose_groups`). A group of elements also
 names its nodes; where points, lines and triangles have groups of one name, the node group of that name is of the lowest kind. What
-a file says besides is named in `mesh.notes` (`taichi-membrane check` prints them), or the file is refused with one message and exit
-code 2. A group that the scene does not use is never a reason to refuse a file.
+a file says besides is named in `mesh.notes` (`taichi-membrane check` and `run` print them, a run's `summary.json` keeps them), or
+the file is refused with one message and exit code 2. A group that the scene does not use is never a reason to refuse a file.
 
 - **Quadrilaterals** of every format are always split in two, along the shorter diagonal that lies inside; a note says how many.
   **Second-order and solid elements** are refused by name.
