@@ -115,3 +115,27 @@ def test_meshes_of_a_rhino_model(tmp_path: Path) -> None:
     found = read_mesh(tmp_path / "b.3dm")
     assert found.is_closed
     assert len(found.tri_groups["balloon"]) == found.tri_count == BALL.tri_count
+
+
+def test_an_object_of_a_layer_s_name_stays_apart_and_units_are_told(tmp_path: Path) -> None:
+    rhino3dm: Any = pytest.importorskip("rhino3dm")
+    model = rhino3dm.File3dm()
+    model.Settings.ModelUnitSystem = rhino3dm.UnitSystem.Millimeters
+    numbers = []
+    for name in ("other", "bag"):
+        layer = rhino3dm.Layer()
+        layer.Name = name
+        numbers.append(model.Layers.Add(layer))
+    for shift, name, place in ((0.0, "bag", numbers[0]), (9.0, "patch", numbers[1])):
+        mesh = rhino3dm.Mesh()
+        for x, y in ((0, 0), (1, 0), (0, 1)):
+            mesh.Vertices.Add(x + shift, float(y), 0.0)
+        mesh.Faces.AddFace(0, 1, 2)
+        attributes = rhino3dm.ObjectAttributes()
+        attributes.Name, attributes.LayerIndex = name, place
+        model.Objects.AddMesh(mesh, attributes)
+    model.Write(str(tmp_path / "b.3dm"), 7)
+    found = read_mesh(tmp_path / "b.3dm")
+    assert found.tri_groups["object_bag"].tolist() == [0]
+    assert found.tri_groups["bag"].tolist() == found.tri_groups["patch"].tolist() == [1]
+    assert found.notes == ("the model's unit is Millimeters; its numbers are taken as they stand",)

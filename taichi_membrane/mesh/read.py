@@ -82,6 +82,7 @@ _ELSEWHERE = (
     ((".pvtu", ".pvtp", ".vtm", ".pvd", ".vtkhdf", ".case"), "open it in ParaView and save one .vtu or .vtp"),
     ((".dwg", ".skp"), "save it as .dxf, with 3DFACE or polyface meshes"),
     ((".blend", ".fbx", ".dae", ".3ds", ".glb", ".gltf", ".x3d", ".wrl", ".3mf", ".amf"), "save it as .obj or .stl"),
+    ((".dat", ".txt", ".blk"), "name it .bdf (NASTRAN), .inp (Abaqus) or .k (LS-DYNA)"),
     ((".svg", ".pdf"), "it is a drawing in a plane and no mesh"),
 )
 EXTRA = "pip install 'taichi-membrane[mesh]'"

@@ -101,7 +101,15 @@ ABAQUS = [
     _a(
         "nodes of instances in sets and elements of the assembly",
         A_TWO + "*Nset, nset=n\none.1, two.9\n*Element, type=T3D2, elset=tie\n1, one.1, two.1\n*End Assembly\n",
-        Read(triangles=16, area=8, nodes=18, lines=1, line_groups={"tie": 1}, node_groups={"n": 2}),
+        Read(
+            triangles=16,
+            area=8,
+            nodes=18,
+            lines=1,
+            tri_groups={"one": 8, "two": 8, "one.bag": 8, "two.bag": 8},
+            line_groups={"tie": 1},
+            node_groups={"n": 2},
+        ),
     ),
     _a(
         "a mesh inside its instance",
@@ -115,7 +123,7 @@ ABAQUS = [
         A_PART.replace("*Assembly, name=A\n", "")
         + A_PART.replace("=sheet", "=other")
         + "*Instance, name=i, part=sheet\n*End Instance\n*Instance, name=j, part=other\n10, 0, 0\n*End Instance\n*End Assembly\n",
-        Read(triangles=16, area=8, nodes=18, tri_groups={"i.bag": 8, "j.bag": 8}),
+        Read(triangles=16, area=8, nodes=18, tri_groups={"i": 8, "j": 8, "i.bag": 8, "j.bag": 8}),
     ),
     _a(
         "several parts without instances",

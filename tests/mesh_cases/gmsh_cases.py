@@ -149,4 +149,12 @@ GMSH = [
             notes=("the physical groups 2, -1 of entity 2 have its elements in both orientations",),
         ),
     ),
+    _g(
+        "two physical groups of one name",
+        g_old(G_SHEET, G_NAMES.replace('2 2 "high"', '2 2 "low"')),
+        Read(
+            tri_groups={"low": 8},
+            notes=("several groups are named 'low': they are joined", "the physical group 'rim'"),
+        ),
+    ),
 ]

@@ -31,7 +31,12 @@ MEDIT = [
     _m(
         "corners, ridges, normals",
         M_SHEET.replace("End", "Corners\n2\n1 3\nRidges\n1\n1\nEnd"),
-        Read(lines=1, line_groups={"ref_8": 1}, notes=("Corners (2, line 28), Ridges (1, line 31)",)),
+        Read(
+            lines=1,
+            tri_groups={"ref_1": 4, "ref_2": 4},
+            line_groups={"ref_8": 1},
+            notes=("Corners (2, line 28), Ridges (1, line 31)",),
+        ),
     ),
     _m(
         "tetrahedra",
@@ -90,7 +95,9 @@ KRATOS = [
     _k(
         "conditions, data of nodes",
         K_SHEET + "Begin Conditions SurfaceCondition3D3N\n1 0 1 2 5\nEnd Conditions\n",
-        Read(lines=1, line_groups={"properties_3": 1}, notes=("Conditions SurfaceCondition3D3N",)),
+        Read(
+            lines=1, tri_groups=PROPERTIES, line_groups={"properties_3": 1}, notes=("Conditions SurfaceCondition3D3N",)
+        ),
     ),
     _k(
         "solids",
@@ -115,7 +122,14 @@ KRATOS = [
         "conditions of sub model parts",
         K_SHEET
         + "Begin SubModelPart a\nBegin SubModelPartConditions\n1\nEnd SubModelPartConditions\nEnd SubModelPart\n",
-        Read(lines=1, line_groups={"properties_3": 1}, notes=("SubModelPartConditions (line 31)",)),
+        Read(
+            lines=1, tri_groups=PROPERTIES, line_groups={"properties_3": 1}, notes=("SubModelPartConditions (line 31)",)
+        ),
+    ),
+    _k(
+        "geometries in place of elements",
+        K_SHEET[: K_SHEET.index("Begin Elements")] + "Begin Geometries Triangle3D3\n1 1 2 5\nEnd Geometries\n",
+        r"the file holds no triangles and no cells, and 9 nodes; not carried over: Geometries Triangle3D3 \(line 17\)",
     ),
 ]
 
@@ -127,6 +141,7 @@ D_SHELLS = "*ELEMENT_SHELL\n" + "".join(
 D_PARTS = "*PART\nbag\n" + f"{1:10d}{1:10d}{1:10d}\n" + "patch\n" + f"{2:10d}{1:10d}{1:10d}\n"
 D_SHEET = D_NODES + D_SHELLS + D_PARTS + "*END\n"
 PART = {"part_1": 4, "part_2": 4}
+NAMED = {**PART, "bag": 4, "patch": 4}
 
 
 def _d(feature: str, content: str, verdict: Read | str, **others: str) -> Case:
@@ -140,7 +155,7 @@ DYNA = [
     _d(
         "fields between commas, comments",
         "$ x\n" + D_SHEET.replace("       8       2       5       9       8       8", "8,2,5,9,8,8"),
-        Read(tri_groups=PART),
+        Read(tri_groups=NAMED),
     ),
     _d(
         "quadrilaterals",
@@ -157,7 +172,7 @@ DYNA = [
     _d(
         "beams and belts",
         D_SHEET.replace("*PART", "*ELEMENT_BEAM\n      20       3       1       2       0\n*PART"),
-        Read(lines=1, tri_groups=PART, line_groups={"part_3": 1}),
+        Read(lines=1, tri_groups=NAMED, line_groups={"part_3": 1}),
     ),
     _d(
         "sets of nodes, shells, parts",
@@ -166,7 +181,7 @@ DYNA = [
             "*SET_NODE_LIST_TITLE\nheld\n         7\n         1         2\n*SET_SHELL_LIST_GENERATE\n         8\n"
             "         2         4\n*SET_PART_LIST\n         9\n         1         2\n*PART",
         ),
-        Read(tri_groups={"set_shell_8": 3, "set_part_9": 8, **PART}, node_groups={"held": 2}),
+        Read(tri_groups={"set_shell_8": 3, "set_part_9": 8, **NAMED}, node_groups={"held": 2}),
     ),
     _d("INCLUDE of a file beside it", "*KEYWORD\n*INCLUDE\nn.inc\n" + D_SHELLS, Read(tri_groups=PART), n=D_NODES),
     _d(
@@ -177,7 +192,7 @@ DYNA = [
     _d(
         "other keywords",
         D_SHEET.replace("*PART", "*MAT_FABRIC\n1\n*PART"),
-        Read(tri_groups=PART, notes=(r"*MAT_FABRIC (1, first on line 21)",)),
+        Read(tri_groups=NAMED, notes=(r"*MAT_FABRIC (1, first on line 21)",)),
     ),
     _d(
         "solids",
@@ -224,7 +239,7 @@ DYNA = [
         D_SHEET.replace(
             "*END", "*SET_PART\n1\n1\n*SET_PART\n2\n2\n*SET_PART_ADD\n3\n1,2\n*SET_PART_GENERAL\n4\nPART,2\n*END"
         ),
-        Read(tri_groups={"set_part_1": 4, "set_part_2": 4, "set_part_3": 8, "set_part_4": 4}),
+        Read(tri_groups={"set_part_1": 4, "set_part_2": 4, "set_part_3": 8, "set_part_4": 4, **NAMED}),
     ),
     _d(
         "parts with inertia",
@@ -252,7 +267,7 @@ DYNA = [
     _d(
         "constraints of nodes",
         D_SHEET.replace(f"{2:16.8f}{2:16.8f}{0:16.8f}\n", f"{2:16.8f}{2:16.8f}{0:16.8f}{7:8d}{7:8d}\n"),
-        Read(tri_groups=PART, notes=("the constraints of 1 node",)),
+        Read(tri_groups=NAMED, notes=("the constraints of 1 node",)),
     ),
     _d(
         "files brought in and moved",

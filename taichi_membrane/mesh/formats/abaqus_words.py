@@ -105,7 +105,8 @@ def keywords(source: Source) -> Iterator[Keyword]:
                 yield found
             found = Keyword(name, parameters, at, line)
         elif found is None:
-            raise at.fault(f"data stand before the first keyword: {shown(','.join(words))}", line)
+            told = f"data stand before the first keyword: {shown(','.join(words))}"
+            raise at.fault(f"{told}; keywords begin with a star (a UCD file of AVS is read as .avs)", line)
         elif found.name != "HEADING":
             found.data.append((words, at, line))
     if found is not None:

@@ -133,7 +133,8 @@ def _check(source: Source, raw: RawMesh) -> None:
             if len(block.nodes)
         ]
         told = f", only {listed(held)}" if held else " and no cells"
-        raise source.fault(f"the file holds no triangles{told}, and {several(len(raw.points), 'node')}")
+        told += f", and {several(len(raw.points), 'node')}"
+        raise source.fault(f"the file holds no triangles{told}{'; ' if raw.notes else ''}{'; '.join(raw.notes)}")
     number = 0
     for block in raw.cells:
         bad = np.flatnonzero(((block.nodes < 0) | (block.nodes >= len(raw.points))).any(axis=1))
