@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import struct
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 from mesh_cases import CASES, Case, Read
@@ -211,3 +213,40 @@ def test_round_off_does_not_choose_how_a_quad_is_split(tmp_path: Path, seed: int
     ):
         path.write_text(quad_in_space(corners, seed))
         assert wanted in {tuple(edge) for edge in read_mesh(path).edges().tolist()}
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("version", ["2.2", "4.1"])
+def test_binary_gmsh_of_either_byte_order(tmp_path: Path, version: str, order: str) -> None:
+    """Two triangles of a square; the number one after the header tells the order of the bytes."""
+    points = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
+    content = f"$MeshFormat\n{version} 1 8\n".encode() + struct.pack(f"{order}i", 1) + b"\n$EndMeshFormat\n"
+    if version == "2.2":
+        nodes = b"4\n" + b"".join(struct.pack(f"{order}i3d", n, *at) for n, at in enumerate(points, 1))
+        rows = struct.pack(f"{order}3i", 2, 2, 2) + struct.pack(f"{order}12i", 1, 7, 1, 1, 2, 3, 2, 7, 1, 1, 3, 4)
+        rows = b"2\n" + rows
+    else:
+        content += b"$Entities\n" + struct.pack(f"{order}4Q", 0, 0, 1, 0)
+        content += struct.pack(f"{order}i6dQiQ", 1, *(0.0,) * 6, 1, 7, 0) + b"\n$EndEntities\n"
+        nodes = struct.pack(f"{order}4Q3iQ4Q", 1, 4, 1, 4, 2, 1, 0, 4, 1, 2, 3, 4)
+        nodes += b"".join(struct.pack(f"{order}3d", *at) for at in points)
+        rows = struct.pack(f"{order}4Q3iQ8Q", 1, 2, 1, 2, 2, 1, 2, 2, 1, 1, 2, 3, 2, 1, 3, 4)
+    content += b"$Nodes\n" + nodes + b"\n$EndNodes\n$Elements\n" + rows + b"\n$EndElements\n"
+    (tmp_path / "g.msh").write_bytes(content)
+    mesh = read_mesh(tmp_path / "g.msh")
+    assert mesh.points.tolist() == [list(at) for at in points]
+    assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert mesh.tri_groups["physical_7"].tolist() == [0, 1]
+
+
+def test_a_reader_of_another_library_that_ends_the_program_is_one_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ending(path: Path) -> None:
+        print("no such thing")
+        raise SystemExit(1)
+
+    monkeypatch.setattr(meshio, "read", ending)
+    (tmp_path / "a.su2").write_text("x")
+    with pytest.raises(InputError, match=r"a\.su2: the mesh cannot be read by meshio: no such thing$"):
+        read_mesh(tmp_path / "a.su2")

@@ -245,7 +245,7 @@ DYNA = [
         "parts with inertia",
         D_NODES
         + D_SHELLS
-        + "*PART_INERTIA\nbag\n1,1,1\n0,0,0,1,0\n1,0,0,1,0,1\n0,0,0\npatch\n2,1,1\n0,0,0,1,1\n1,0,0,1,0,1\n0,0,0\n1,0,0\n",
+        + "*PART_INERTIA\nbag\n1,1,1\n0,0,0,1,1\n1,0,0,1,0,1\n0,0,0\n1,0,0\npatch\n2,1,1\n0,0,0,1,0\n1,0,0,1,0,1\n0,0,0\n",
         Read(tri_groups={"bag": 4, "patch": 4, **PART}),
     ),
     _d(
@@ -273,5 +273,15 @@ DYNA = [
         "files brought in and moved",
         D_SHEET.replace("*PART", "*INCLUDE_STAMPED_PART\nx.k\n*PART"),
         r"line 21: \*INCLUDE_STAMPED_PART is not read: only \*INCLUDE is",
+    ),
+    _d(
+        "keywords in a format of their own: +, -, %",
+        "*KEYWORD\n*NODE +\n"
+        + "".join(f"{n:20d}{x:20.8f}{y:20.8f}{z:20.8f}\n" for n, (x, y, z) in enumerate(NODES, 1))
+        + "*ELEMENT_SHELL%\n"
+        + "".join(f"{n:10d}{1:10d}{a:10d}{b:10d}{c:10d}{c:10d}\n" for n, (a, b, c) in enumerate(TRIANGLES[:4], 1))
+        + "*ELEMENT_SHELL -\n"
+        + "".join(f"{n:8d}{2:8d}{a:8d}{b:8d}{c:8d}{c:8d}\n" for n, (a, b, c) in enumerate(TRIANGLES[4:], 5)),
+        Read(tri_groups=PART),
     ),
 ]

@@ -80,6 +80,7 @@ STL = [
         S_SHEET.replace("vertex 0 ", "vertex -0 ", 1).replace("vertex 1 0 0", "vertex 1 -0.0 0", 1),
         Read(),
     ),
+    _s("stored normals that are only inexact", S_SHEET.replace("normal 0 0 1", "normal 0.866 0 0.5"), Read()),
 ]
 
 

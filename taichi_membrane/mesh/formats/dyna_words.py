@@ -89,7 +89,8 @@ def _blocks(source: Source, includes: Includes, layout: list[str]) -> Iterator[B
         yield from _closed(block, includes, layout)
         words = text[1:].upper().split()
         name = words[0] if words else ""
-        own = _LAYOUTS.get(name[-1:], layout[0])
+        marks = [word for word in (name[-1:], *words[1:2]) if word in _LAYOUTS]  # "*NODE+", or with a blank between
+        own = _LAYOUTS[marks[0]] if marks else layout[0]
         options = "".join(words[1:])
         if name == "KEYWORD" and ("LONG=" in options or "I10=" in options):
             layout[0] = "long" if "LONG=Y" in options else "i10" if "I10=Y" in options else "standard"
