@@ -47,8 +47,15 @@ READERS = {
     ".dxf": "dxf",
     ".3dm": "rhino",
     ".cgns": "cgns",
+    ".e": "exodus",
+    ".ex2": "exodus",
+    ".exo": "exodus",
 }
-_PACKAGES = {"rhino": "rhino3dm", "cgns": "h5py"}  # readers that need more than this program's own packages
+_PACKAGES = {
+    "rhino": "rhino3dm",
+    "cgns": "h5py",
+    "exodus": "netCDF4",
+}  # readers that need more than this program's own packages
 # Extensions that meshio reads, and the package it needs beside itself. Its readers of other formats drop or mistake what is here
 # carried over or refused, so they are not asked.
 MESHIO = {
@@ -56,9 +63,6 @@ MESHIO = {
     ".xdmf": "h5py",
     ".xmf": "h5py",
     ".h5m": "h5py",
-    ".e": "netCDF4",
-    ".ex2": "netCDF4",
-    ".exo": "netCDF4",
     ".meshb": "",
     ".su2": "",
     ".avs": "",
@@ -85,6 +89,7 @@ _ELSEWHERE = (
     ((".dat", ".txt", ".blk"), "name it .bdf (NASTRAN), .inp (Abaqus) or .k (LS-DYNA)"),
     ((".svg", ".pdf"), "it is a drawing in a plane and no mesh"),
 )
+_LONGEST_SAID = 500  # characters of another library's complaints that are repeated
 EXTRA = "pip install 'taichi-membrane[mesh]'"
 
 
@@ -160,7 +165,11 @@ def _with_meshio(source: Source) -> RawMesh:
         told = f"{type(error).__name__}: {error}" if isinstance(error, Exception) else ""
         reason = " ".join(f"{said.getvalue()} {told}".split())
         raise InputError(f"{source.shown}: the mesh cannot be read by meshio: {reason}") from None
-    return from_meshio(mesh, source.shown)
+    raw = from_meshio(mesh, source.shown)
+    complaints = " ".join(said.getvalue().split())
+    if complaints:
+        raw.notes.append(f"meshio says: {complaints[:_LONGEST_SAID]}{'…' if len(complaints) > _LONGEST_SAID else ''}")
+    return raw
 
 
 def _bounded(path: Path, size: int, work: Callable[[], MeshParts]) -> MeshParts:

@@ -42,7 +42,8 @@ File extensions: {own}.
 Through meshio, with its sets and whole-number arrays as groups: {plain}; with a package more
 (`pip install 'taichi-membrane[mesh]'`): {extra}.
 `.3dm` needs rhino3dm: meshes of the model; layers and object names as groups. `.cgns` needs h5py: one unstructured zone; sections
-and boundary conditions as groups.
+and boundary conditions as groups. `.e`, `.ex2`, `.exo` (Exodus) need netCDF4: element blocks and node sets as groups; side sets are
+named in a note. What meshio says of a file it reads is a note too.
 
 """
 
