@@ -40,8 +40,9 @@ class Column:
 
 def print_run(console: Console, result: RunResult) -> None:
     """Print the load steps, the checks, times and files of a run."""
-    for line in result.mesh.mended:
-        _print_wrapped(console, "mended", line)
+    for label, lines in (("mended", result.mesh.mended), ("noted", result.mesh.notes)):
+        for line in lines:
+            _print_wrapped(console, label, line)
     _print_steps(console, result)
     print_failed_steps(console, result)
     _print_at_rest(console, result)

@@ -200,6 +200,8 @@ class Writer:
                 "tri_count": mesh.tri_count,
                 "closed": mesh.is_closed,
                 "area": float(mesh.tri_areas().sum()),
+                "mended": list(mesh.mended),
+                "notes": list(mesh.notes),
                 "node_groups": {name: len(members) for name, members in mesh.node_groups.items()},
                 "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
             },
