@@ -18,7 +18,7 @@ from taichi_membrane.mechanics.gas import CoupledFactor, Gas
 from taichi_membrane.mechanics.membrane import Membrane
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.tangent import Tangent
-from taichi_membrane.solvers.record import Progress, SolveRecord
+from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now
 from taichi_membrane.solvers.relaxation import Relaxation
 
 # Shifts are multiples of 2 M. Twice that bounds the tangent in size (K ≤ 4 M), so that a shift of 2 makes any definite; enormous
@@ -65,7 +65,7 @@ class Newton:
         self,
         *,
         tolerance: float,
-        reference: float,
+        reference: Reference,
         loads: Floats,
         max_iterations: int,
         report: Callable[[Progress], None] | None = None,
@@ -81,7 +81,7 @@ class Newton:
         residual, reason, iteration = np.inf, "iteration limit", 0
         for iteration in range(max_iterations + 1):
             force = self.free_force()
-            residual = float(np.linalg.norm(force)) / reference
+            residual = float(np.linalg.norm(force)) / force_now(reference)
             if report is not None:
                 report(Progress(iteration=iteration, residual=residual, seconds=time.perf_counter() - started))
             if not np.isfinite(residual) or not np.isfinite(energy):
@@ -122,8 +122,27 @@ class Newton:
 
     def factorised(self, *, indefinite: bool = False) -> AnyFactor | None:
         """The present tangent, factorised; see :meth:`Multifrontal.factorise`."""
-        factor = self.tangent.solver.factorise(self.tangent.assemble(), indefinite=indefinite)
+        blocks = self.tangent.assemble()
+        loose = self._loose(blocks) if indefinite else None
+        factor = self.tangent.solver.factorise(blocks, loose, indefinite=indefinite)
         return factor if factor is None or self.gas is None else self.gas.coupled(factor)
+
+    def _loose(self, blocks: Floats) -> Floats | None:
+        """(node_count, 3) a stiffness for free components that nothing holds, such as a node amid slack triangles without pressure.
+
+        Their rows are zero: they take no part in any force, and whatever stiffness they get, the rest stays as it is. None where
+        there is no such component.
+        """
+        elimination = self.tangent.elimination
+        loose = self.free & (np.abs(blocks[elimination.node_block]).max(axis=2) == 0.0)
+        if not loose.any():
+            return None
+        beside = np.abs(blocks[elimination.edge_block])
+        column, row = elimination.edge_node.T
+        coupled = np.zeros(loose.shape)  # pressure couples nodes whose own block is zero
+        np.maximum.at(coupled, row, beside.max(axis=2))
+        np.maximum.at(coupled, column, beside.max(axis=1))
+        return np.where(loose & (coupled == 0.0), 1.0, 0.0)
 
     def _settled_energy(self, loads: Floats) -> float:
         """Potential energy at the present displacements, with the pressures of closed chambers set to what they are there."""
