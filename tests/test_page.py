@@ -23,6 +23,7 @@ from taichi_membrane.commands.cli import app
 from taichi_membrane.errors import InputError
 from taichi_membrane.page.document import page, write_page
 from taichi_membrane.page.fields import ELEMENT_FIELDS
+from taichi_membrane.page.notebook import show
 from taichi_membrane.page.pack import Pack
 from taichi_membrane.scene import Scene
 from taichi_membrane.shapes import tube
@@ -352,3 +353,16 @@ def test_a_new_run_removes_the_page_of_the_one_before(tmp_path: Path) -> None:
 def test_a_page_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no folder"):
         write_page(run_of(0), tmp_path / "nowhere" / "page.html")
+
+
+def test_a_notebook_gets_the_page_in_a_sandbox_of_bounded_size() -> None:
+    result = run_of(0)
+    shown = Reader(show(result, height=500)._repr_html_())
+    assert shown.tags == ["iframe"]
+    attributes = dict(shown.attributes)
+    assert attributes["sandbox"] == "allow-scripts"
+    assert attributes["srcdoc"] == page(result)
+    assert "height: 500px" in (attributes["style"] or "")
+    assert len(repr(show(result))) < 80
+    with pytest.raises(InputError, match=r"show: the page has 0\.\d MB, above limit = 0\.01"):
+        show(result, limit=0.01)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from run_files import PROVENANCE, SCENE, a_result, a_step
 
 from taichi_membrane.names import SLACK, TAUT, WRINKLED
 from taichi_membrane.page.document import write_page
+from taichi_membrane.page.notebook import show
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.results import Floats, RunResult, StepResult
 
@@ -244,3 +246,17 @@ def test_it_can_be_printed(tab: chromium.Browser) -> None:
 def test_a_narrow_window_is_enough(tab: chromium.Browser) -> None:
     tab.size(420, 800)
     assert tab.value("document.documentElement.scrollWidth") <= 420
+
+
+def test_it_works_in_the_sandbox_of_a_notebook(browser: chromium.Browser, tmp_path: Path) -> None:
+    """The wrinkled third appears in a page that does no more than hold the frame."""
+    browser.complaints.clear()
+    (tmp_path / "notebook.html").write_text(f"<!doctype html><body>{show(RUN)._repr_html_()}", encoding="utf-8")
+    browser.size(1400, 900)
+    browser.call("Page.navigate", url=(tmp_path / "notebook.html").as_uri())
+    browser.wait("location.pathname.endsWith('notebook.html') && document.readyState === 'complete'")
+    until = time.monotonic() + 60.0
+    while like(np.asarray(browser.picture(), dtype=int)[350:, :900], (242, 153, 41)) < 0.01:
+        assert time.monotonic() < until
+        time.sleep(0.2)
+    assert not browser.complaints
