@@ -37,6 +37,9 @@ function scaleBar(over, stage, head, width, height) {
   over.append(svg("text", { x: right, y: y - 8, "text-anchor": "end" }, `${show(length)} ${head.units.length}`));
 }
 
+// Round-off beside the large values of a range is zero, as in the tables.
+const clean = (value, range) => (Math.abs(value) < 1e-12 * Math.max(...range.map(Math.abs)) ? 0 : value);
+
 export function drawLegend(head, choice, range, step, found, pick) {
   const legend = byId("legend");
   legend.replaceChildren();
@@ -55,13 +58,13 @@ export function drawLegend(head, choice, range, step, found, pick) {
   const stops = [0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1].map((at) => head.ramp[Math.round(at * (head.ramp.length - 1))]);
   bar.style.background = `linear-gradient(90deg, ${stops.map((rgb) => `rgb(${rgb})`)})`;
   const ticks = html("span", "", "ticks");
-  [0, 0.25, 0.5, 0.75, 1].forEach((at) => ticks.append(html("span", show(range[0] + at * (range[1] - range[0])))));
+  [0, 0.25, 0.5, 0.75, 1].forEach((at) => ticks.append(html("span", show(clean(range[0] + at * (range[1] - range[0]), range)))));
   const scale = html("span", "", "scale");
   scale.append(bar, ticks);
   legend.append(html("span", `${choice.title}${choice.unit ? ` [${choice.unit}]` : ""}`, "entry name"), scale);
   if (found) {
     for (const [word, place, value] of [["least", found.least, found.low], ["largest", found.most, found.high]]) {
-      const button = html("button", `${word} ${show(value, choice.unit)} at ${choice.kind} ${place}`, "entry");
+      const button = html("button", `${word} ${show(clean(value, range), choice.unit)} at ${choice.kind} ${place}`, "entry");
       button.type = "button";
       button.onclick = () => pick(choice.kind, place);
       legend.append(button);
