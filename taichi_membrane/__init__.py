@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from taichi_membrane.errors import InputError
     from taichi_membrane.execution.run import resume, run
     from taichi_membrane.mesh import Mesh, read_mesh
+    from taichi_membrane.page.notebook import show
     from taichi_membrane.scene import Scene
     from taichi_membrane.scene.file import load_scene
     from taichi_membrane.simulation.results import RunResult
@@ -27,9 +28,10 @@ _HOME = {
     "read_mesh": "mesh",
     "resume": "execution.run",
     "run": "execution.run",
+    "show": "page.notebook",
 }
 
-__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "read_mesh", "resume", "run"]
+__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "read_mesh", "resume", "run", "show"]
 
 
 def __getattr__(name: str) -> Any:

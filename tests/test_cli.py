@@ -102,6 +102,21 @@ def test_a_good_run_ends_with_0_and_its_files(scene: str, runtime_cpu: Runtime) 
     assert re.fullmatch(r"inflate 1/2: \d+ iterations, residual \d\.\de-\d\d, 0\.0% wrinkled, \d+\.\d s", lines[4])
 
 
+def test_a_run_may_write_its_page_too_and_so_may_its_resume(scene: str, runtime_cpu: Runtime) -> None:
+    """A page is written whatever the verdict; a run that has ended needs no more than its files."""
+    page = Path("renders/ball/report.html")
+    done = call("run", scene, "--no-render", "--report", "--set", "checks.1.reference=90")
+    assert done.exit_code == 1
+    assert "wrote renders/ball/report.html (" in done.stdout
+    first = page.read_text(encoding="utf-8")
+    assert "1 of 2 checks hold; failing: radius at inflate 2" in first
+    page.unlink()
+    assert call("run", "--resume", "renders/ball", "--report", "--quiet").stdout.count("wrote") == 0
+    assert page.read_text(encoding="utf-8") == first
+    assert call("run", scene, "--no-render").exit_code == 0
+    assert not page.exists()
+
+
 def test_a_failing_check_ends_with_1_and_says_which(scene: str, runtime_cpu: Runtime) -> None:
     done = call("run", scene, "--no-render", "--set", "checks.1.reference=90")
     assert done.exit_code == 1

@@ -10,6 +10,7 @@ from run_files import SCENE
 
 from taichi_membrane.commands import report
 from taichi_membrane.commands.progress import ProgressView
+from taichi_membrane.output import tables
 
 
 def column(header: str, width: int, rank: int) -> report.Column:
@@ -64,5 +65,5 @@ def test_a_long_solve_without_a_terminal_says_so_from_time_to_time(monkeypatch: 
 
 
 def test_round_off_beside_large_values_is_shown_as_0() -> None:
-    assert report._numbers("tip", "mm", [-1.9e-17, 1.5, -2.0]).cells == ["0", "1.5", "-2"]
-    assert report._numbers("tip", "", [-1.9e-17]).cells == ["-1.9e-17"]
+    assert tables.number_column("tip", "mm", [-1.9e-17, 1.5, -2.0]).cells == ["0", "1.5", "-2"]
+    assert tables.number_column("tip", "", [-1.9e-17]).cells == ["-1.9e-17"]

@@ -63,6 +63,7 @@ SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A scene fil
 RepairOption = Annotated[
     bool, typer.Option("--repair", help="Mend a mesh file where that is safe: orientation, doubled and unused nodes.")
 ]
+ReportOption = Annotated[bool, typer.Option("--report", help="Also write report.html, as the command report does.")]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Replace a value, such as stages.load.steps=3. May be repeated."),
@@ -115,6 +116,7 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but failures.")] = False,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="all cores")] = None,
     repair: RepairOption = False,
+    report: ReportOption = False,
 ) -> None:
     """Solve the load steps of a scene, write and draw them.
 
@@ -123,7 +125,7 @@ def run(
     meet collapse (until = "collapse") met none.
     """
     if resume is not None:
-        _go_on(context, resume, render, quiet)
+        _go_on(context, resume, render, quiet, report)
         return
     if scene is None:
         raise typer.BadParameter("a scene, or --resume DIR", ctx=context, param_hint="SCENE")
@@ -150,15 +152,15 @@ def run(
                 observer=observer,
             )
 
-    _run(work, model, directory, quiet)
+    _run(work, model, directory, quiet, report)
 
 
-def _go_on(context: typer.Context, directory: Path, render: bool, quiet: bool) -> None:
+def _go_on(context: typer.Context, directory: Path, render: bool, quiet: bool, report: bool) -> None:
     """The command ``run --resume``."""
     from taichi_membrane.execution.run import resume as resume_run
     from taichi_membrane.output.reader import read_scene
 
-    allowed = ("--resume", "--render", "--quiet")
+    allowed = ("--resume", "--render", "--quiet", "--report")
     sources = {one.opts[0]: context.get_parameter_source(str(one.name)) for one in context.command.params}
     given = [
         option.replace("scene", "SCENE")
@@ -174,10 +176,11 @@ def _go_on(context: typer.Context, directory: Path, render: bool, quiet: bool) -
         read_scene(directory),
         directory,
         quiet,
+        report,
     )
 
 
-def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, quiet: bool) -> None:
+def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, quiet: bool, report_too: bool) -> None:
     """Do the work of a run while its progress is shown; print the result, and end with the exit code of its verdict."""
     from taichi_membrane.commands import report
     from taichi_membrane.commands.progress import ProgressView
@@ -198,6 +201,8 @@ def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, q
         report.print_failed_checks(console, result)
     else:
         report.print_run(console, result)
+    if report_too and result.steps:
+        _write_page(result, directory, quiet)
     if not result.converged:
         raise typer.Exit({"collapse": COLLAPSE, "no collapse": NO_COLLAPSE}.get(result.outcome, NOT_CONVERGED))
     if not result.passed:
@@ -261,6 +266,28 @@ def render(
     with ProgressView(scene, _console(stderr=True)) as view:
         files = redraw(directory, camera=camera, observer=view)
     report.print_files(_console(), directory, files)
+
+
+@app.command("report")
+def write_report(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of a run.")],
+) -> None:
+    """Write DIR/report.html: the run as one page that opens from the disk, with a view to turn, curve and tables.
+
+    Of a run that is not at its end the page shows the load steps so far, and says so.
+    """
+    from taichi_membrane.execution.run import read_result
+
+    _write_page(read_result(directory), directory, quiet=False)
+
+
+def _write_page(result: RunResult, directory: Path, quiet: bool) -> None:
+    """Write the page of a run and name it."""
+    from taichi_membrane.page.document import PAGE, write_page
+
+    size = write_page(result, directory / PAGE)
+    if not quiet:
+        typer.echo(f"wrote {directory / PAGE} ({size / 1e6:.1f} MB)")
 
 
 @app.command()

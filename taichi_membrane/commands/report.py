@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence, Sized
-from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
@@ -14,28 +13,13 @@ from rich.table import Table
 from rich.text import Text
 
 from taichi_membrane.mesh import survey
+from taichi_membrane.output.tables import Column, check_columns, error_text, step_columns, tolerance_text, with_unit
 from taichi_membrane.scene import Fabric, Scene, Stage
 from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
 from taichi_membrane.simulation.model import Model
-from taichi_membrane.simulation.policy import told
-from taichi_membrane.simulation.results import CheckResult, RunResult, StepResult
+from taichi_membrane.simulation.results import RunResult
 
 _GAP = 2  # blanks between columns
-_ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
-
-
-@dataclass(frozen=True)
-class Column:
-    """Header and cells of a table's column; columns of rank 0 are always shown, others where there is room, 1 before 2."""
-
-    header: str
-    cells: list[str]
-    rank: int = 0
-
-    @property
-    def width(self) -> int:
-        """Characters of the widest cell."""
-        return max(map(len, [self.header, *self.cells]))
 
 
 def print_run(console: Console, result: RunResult) -> None:
@@ -103,8 +87,10 @@ def print_failed_checks(console: Console, result: RunResult) -> None:
         if not check.passed:
             where = f"{check.probe} at {check.stage} {check.step}"
             unit = probe_unit(result.scene, check.probe)
-            found = "not reached" if check.value is None else f"{_with_unit(check.value, unit)} (error {_error(check)})"
-            wanted = f"{_with_unit(check.reference, unit)} within {_tolerance(check)}"
+            found = (
+                "not reached" if check.value is None else f"{with_unit(check.value, unit)} (error {error_text(check)})"
+            )
+            wanted = f"{with_unit(check.reference, unit)} within {tolerance_text(check)}"
             _print_plain(
                 console, f"CHECK FAILS: {where}: {found}, reference {wanted}: {check.source}", style="bold red"
             )
@@ -127,33 +113,6 @@ def ranges(names: Sequence[str]) -> list[str]:
     return [group[0] if len(group) == 1 else f"{group[0]} … {group[-1]}" for group in members]
 
 
-def check_columns(scene: Scene, checks: Sequence[CheckResult]) -> list[Column]:
-    """The table of checks: value, reference, error, tolerance, verdict."""
-    return [
-        Column("check", [check.probe for check in checks]),
-        Column("at", [f"{check.stage} {check.step}" for check in checks]),
-        Column("value", ["not reached" if check.value is None else f"{check.value:.6g}" for check in checks]),
-        Column("reference", [_with_unit(check.reference, probe_unit(scene, check.probe)) for check in checks]),
-        Column("error", [_error(check) for check in checks]),
-        Column("tolerance", [_tolerance(check) for check in checks]),
-        Column("", ["pass" if check.passed else "FAIL" for check in checks]),
-    ]
-
-
-def _error(check: CheckResult) -> str:
-    if check.error is None:
-        return "-"
-    return f"{100 * check.error:+.2g} %" if check.relative else f"{check.error:+.3g}"
-
-
-def _tolerance(check: CheckResult) -> str:
-    return f"{100 * check.tolerance:.3g} %" if check.relative else f"{check.tolerance:.3g}"
-
-
-def _with_unit(value: float, unit: str) -> str:
-    return f"{value:.6g} {unit}".rstrip()
-
-
 def _print_steps(console: Console, result: RunResult) -> None:
     """The columns every reader needs, and of the others as many as fit the width."""
     columns = step_columns(result.scene, result.steps)
@@ -165,40 +124,6 @@ def _print_steps(console: Console, result: RunResult) -> None:
         _print_wrapped(console, "not shown:", f"{missing}{place}")
 
 
-def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
-    """The table of load steps in full width; what the steps change ranks above what stays the same."""
-    counts = {stage.name: stage.steps for stage in scene.stages}
-    states = [step.elements.count() for step in steps]
-    sizes = [len(step.elements.state) for step in steps]
-    slack = [f"{count['slack'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]
-    solvers = [step.solver for step in steps]
-    stability = [_stability(step) for step in steps]
-    ways = [told(step.trace) for step in steps]
-    return [
-        Column("step", [str(step.number) for step in steps]),
-        Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
-        *(_numbers(name, scene.units.stress, [step.pressures[name] for step in steps]) for name in scene.pressures),
-        *(_numbers(name, load_unit(scene, name), [step.loads[name] for step in steps]) for name in scene.loads),
-        *(_numbers(name, motion_unit(scene, name), [step.motions[name] for step in steps]) for name in scene.motions),
-        *(_numbers(name, probe_unit(scene, name), [step.probes[name] for step in steps]) for name in scene.probes),
-        replace(_numbers("volume", scene.units.volume, [step.volume for step in steps]), rank=2),
-        Column("wrinkled", [f"{count['wrinkled'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]),
-        Column("slack", slack, rank=_rank(slack)),
-        Column("solver", solvers, rank=_rank(solvers)),
-        Column("iterations", [str(step.iterations) for step in steps]),
-        Column("stability", stability, rank=0 if any(word.startswith("unstable") for word in stability) else 3),
-        Column("way", ways, rank=_rank(ways)),
-        Column("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
-    ]
-
-
-def _stability(step: StepResult) -> str:
-    """The verdict on an equilibrium, with the number of unstable modes."""
-    if step.stable is None:
-        return "not told"
-    return "stable" if step.stable else f"unstable ({step.negative_pivots})"
-
-
 def fitting(columns: Sequence[Column], width: int) -> list[Column]:
     """The columns that fit ``width`` characters, in order: all of rank 0, the others by rank while there is room."""
     room = width + _GAP - sum(column.width + _GAP for column in columns if column.rank == 0)
@@ -208,16 +133,6 @@ def fitting(columns: Sequence[Column], width: int) -> list[Column]:
             room -= column.width + _GAP
             chosen.append(column)
     return [column for column in columns if column.rank == 0 or column in chosen]
-
-
-def _numbers(name: str, unit: str, values: list[float]) -> Column:
-    negligible = _ROUND_OFF * max(map(abs, values), default=0.0)
-    cells = [f"{0.0 if abs(value) < negligible else value:.5g}" for value in values]
-    return Column(f"{name} [{unit}]" if unit else name, cells, rank=_rank(cells))
-
-
-def _rank(cells: list[str]) -> int:
-    return 1 if len(set(cells)) > 1 else 2
 
 
 def _print_table(console: Console, columns: Sequence[Column]) -> None:
@@ -311,8 +226,8 @@ def _stage_line(scene: Scene, stage: Stage) -> str:
         aims = [f"pressure {name} to {value:g} {scene.units.stress}" for name, value in stage.pressure.items()]
     else:
         aims = [] if stage.pressure is None else [f"pressure to {stage.pressure:g} {scene.units.stress}"]
-    aims += [f"load {name} to {_with_unit(value, load_unit(scene, name))}" for name, value in stage.loads.items()]
-    aims += [f"motion {name} to {_with_unit(value, motion_unit(scene, name))}" for name, value in stage.motions.items()]
+    aims += [f"load {name} to {with_unit(value, load_unit(scene, name))}" for name, value in stage.loads.items()]
+    aims += [f"motion {name} to {with_unit(value, motion_unit(scene, name))}" for name, value in stage.motions.items()]
     aims += ["by arc length"] if stage.control == "arc_length" else []
     aims += [f"until {stage.until.replace('_', ' ')}"] if stage.until != "target" else []
     aims += [f"valve shut: {', '.join(stage.closed)}"] if stage.closed else []

@@ -89,7 +89,7 @@ def resume(directory: Path, *, render: bool = True, observer: Observer | None = 
             model = build_model(saved.scene, saved.mesh)
         clock.observer.kept(saved.steps)
         if saved.complete:
-            return _ended(saved)
+            return _result(saved)
         for phase, seconds in saved.seconds.items():
             clock.seconds[phase] = clock.seconds.get(phase, 0.0) + seconds
         return _carry_out(model, saved.settings, clock, out=saved.directory, render=render, saved=saved)
@@ -197,8 +197,18 @@ def _without_open_path(saved: SavedRun) -> SavedRun:
     return replace(saved, steps=saved.steps[:count], records=saved.records[:count])
 
 
-def _ended(saved: SavedRun) -> RunResult:
-    """The result of a run that has ended, from its files."""
+def read_result(directory: Path) -> RunResult:
+    """The result of a run, as far as it came, from the files in its folder.
+
+    :raises InputError: the folder is not a run of this program, or is damaged.
+    """
+    from taichi_membrane.output.reader import read_run
+
+    return _result(read_run(Path(directory)))
+
+
+def _result(saved: SavedRun) -> RunResult:
+    """The result of a run from its files."""
     from taichi_membrane.simulation import probes
     from taichi_membrane.simulation.results import RunResult
 

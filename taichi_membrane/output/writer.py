@@ -47,7 +47,7 @@ from taichi_membrane.simulation.results import RunResult, Settings, StepResult
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
 
-_OURS = r"(step_\d{4,}\.(vtu|png)|mesh\.vtu|steps\.pvd|history\.csv|curve\.png|animation\.gif)"
+_OURS = r"(step_\d{4,}\.(vtu|png)|mesh\.vtu|steps\.pvd|history\.csv|curve\.png|animation\.gif|report\.html)"
 _TEMPORARY = rf"\.({_OURS}|summary\.json)\.\d+\.tmp"
 
 Column = tuple[str, Callable[[StepResult], object]]

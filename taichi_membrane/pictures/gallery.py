@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.output.curve import curve_steps, quantity_label, quantity_value
+from taichi_membrane.output.tables import step_words
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve, Scene
-from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 _SCALAR_LABEL = {"fold_strain": "strain in folds", "major_stress": "major stress", "displacement": "displacement"}
@@ -81,7 +82,6 @@ def _scalar_label(scene: Scene, camera: Camera) -> str:
 
 def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
     scene, mesh = result.scene, result.mesh
-    count = next(stage.steps for stage in scene.stages if stage.name == step.stage)
     held = [mesh.node_groups[support.group] for support in scene.supports]
     points = mesh.points + step.displacement
     return Frame(
@@ -95,29 +95,11 @@ def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
         scalar=_scalar(step, camera),
         scalar_label=_scalar_label(scene, camera),
         title=scene.title or scene.name,
-        subtitle=_subtitle(scene, step, count),
+        subtitle=step_words(scene, step),
         length_unit=scene.units.length,
         arrows=_arrows(result, step, points),
         supports=np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *held])),
     )
-
-
-def _subtitle(scene: Scene, step: StepResult, count: int) -> str:
-    parts = [f"{step.stage} {step.stage_step}/{count}"]
-    several = len(step.pressures) > 1
-    parts += [f"{name if several else 'p'} = {v:.4g} {scene.units.stress}" for name, v in step.pressures.items() if v]
-    parts += [f"{name} = {v:.4g}{_load_unit(scene, name)}" for name, v in step.loads.items() if v]
-    parts += [f"{name} = {v:.4g} {motion_unit(scene, name)}" for name, v in step.motions.items() if v]
-    if not step.converged:
-        parts.append("NOT CONVERGED: last equilibrium")
-    elif step.limit is not None:
-        parts.append("largest stable load")
-    return ", ".join(parts)
-
-
-def _load_unit(scene: Scene, name: str) -> str:
-    unit = load_unit(scene, name)
-    return f" {unit}" if unit else " × direction"
 
 
 def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[Floats, Floats, str], ...]:
@@ -135,43 +117,13 @@ def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[
     return tuple(arrows)
 
 
-def curve_values(result: RunResult, quantity: str) -> Floats:
-    """A curve quantity at every converged step: a probe, ``volume``, ``pressure``, ``pressure.NAME`` or ``load.NAME``."""
-    steps = [step for step in result.steps if step.converged]
-    kind, _, name = quantity.partition(".")
-    if quantity in result.scene.probes:
-        return np.array([step.probes[quantity] for step in steps])
-    if quantity == "volume":
-        return np.array([step.volume for step in steps])
-    if kind == "pressure":
-        return np.array([step.pressures[name or next(iter(step.pressures))] for step in steps])
-    return np.array([step.motions[name] if kind == "motion" else step.loads[name] for step in steps])
-
-
-def _quantity_label(scene: Scene, quantity: str) -> str:
-    kind, _, name = quantity.partition(".")
-    if quantity in scene.probes:
-        unit = probe_unit(scene, quantity)
-        return f"{quantity.replace('_', ' ')} [{unit}]" if unit else quantity.replace("_", " ")
-    if quantity == "volume":
-        return f"volume [{scene.units.volume}]"
-    if kind == "pressure":
-        return f"pressure{' ' + name if name else ''} [{scene.units.stress}]"
-    unit = motion_unit(scene, name) if kind == "motion" else _load_unit(scene, name).strip()
-    return f"{kind} {name} [{unit}]"
-
-
 def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:
     """Draw ``curve.png``: the computed curve, references, lines, and the first step with wrinkles as a mark."""
-    steps = [step for step in result.steps if step.converged]
-    inside = np.array([curve.stage in (None, step.stage) for step in steps])
-    if curve.stage is not None and inside.any():
-        first = int(np.argmax(inside))
-        inside[max(first - 1, 0)] = True
-    x = curve.x_scale * curve_values(result, curve.x)[inside]
-    y = curve.y_scale * curve_values(result, curve.y)[inside]
+    steps = curve_steps(result, curve)
+    x = curve.x_scale * np.array([quantity_value(step, curve.x) for step in steps])
+    y = curve.y_scale * np.array([quantity_value(step, curve.y) for step in steps])
     marks = []
-    wrinkled = [step.elements.count()["wrinkled"] > 0 for step, used in zip(steps, inside, strict=True) if used]
+    wrinkled = [step.elements.count()["wrinkled"] > 0 for step in steps]
     if any(wrinkled) and not wrinkled[0]:
         first = wrinkled.index(True)
         marks.append(Mark(label="first step with wrinkles", x=float(x[first]), y=float(y[first])))
@@ -181,8 +133,8 @@ def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:
             Series(label="computed", x=x, y=y, style="computed"),
             *(Series(label=r.label, x=np.array(r.x), y=np.array(r.y), style="reference") for r in curve.references),
         ],
-        x_label=curve.x_label or _quantity_label(result.scene, curve.x),
-        y_label=curve.y_label or _quantity_label(result.scene, curve.y),
+        x_label=curve.x_label or quantity_label(result.scene, curve.x),
+        y_label=curve.y_label or quantity_label(result.scene, curve.y),
         title=result.scene.title or result.scene.name,
         lines=[ReferenceLine(label=line.label, axis=line.axis, value=line.value) for line in curve.lines],
         marks=marks,

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import contourpy
-import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -21,6 +20,7 @@ from taichi_membrane.output.atomic import replacing
 from taichi_membrane.pictures import raster
 from taichi_membrane.pictures.animation import write_animation
 from taichi_membrane.pictures.camera import VIEWER_DISTANCE, Camera, Projection, fit_camera, furniture_scale
+from taichi_membrane.pictures.colours import PALETTE, RAMP
 from taichi_membrane.pictures.furniture import INK, OUTLINE, SUPPORT, ColourBar, Page
 from taichi_membrane.pictures.symbols import draw_loads, draw_supports
 from taichi_membrane.pictures.wrinkle_lines import wrinkle_lines
@@ -29,9 +29,6 @@ __all__ = ["Camera", "Frame", "Look", "draw_frame", "fit_camera", "write_animati
 
 Floats = NDArray[np.float64]
 
-# Told apart by lightness alone (88, 69, 27 of 100), hence also in grey print and with any colour blindness.
-PALETTE = np.array([(0.80, 0.86, 0.93), (0.95, 0.60, 0.16), (0.42, 0.07, 0.22)], np.float32)
-RAMP = matplotlib.colormaps["magma_r"](np.linspace(0.06, 0.88, 256))[:, :3].astype(np.float32)  # cream to dark violet
 RIM_CORRECTIONS = 4  # each cuts the error at a rim to less than half; 4 leave a tenth of a cell
 DARKEST = {"state": 0.52, "scalar": 0.80}  # brightness of what is turned from the light; less, where colour is a number
 

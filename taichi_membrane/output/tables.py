@@ -1,0 +1,124 @@
+"""The tables of load steps and of checks, as text: the command line and the page of a run show the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from taichi_membrane.output.curve import factor_unit
+from taichi_membrane.scene import Scene
+from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.simulation.policy import told
+from taichi_membrane.simulation.results import CheckResult, StepResult
+
+_ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
+
+
+@dataclass(frozen=True)
+class Column:
+    """Header and cells of a table's column; columns of rank 0 are always shown, others where there is room, 1 before 2."""
+
+    header: str
+    cells: list[str]
+    rank: int = 0
+
+    @property
+    def width(self) -> int:
+        """Characters of the widest cell."""
+        return max(map(len, [self.header, *self.cells]))
+
+
+def check_columns(scene: Scene, checks: Sequence[CheckResult]) -> list[Column]:
+    """The table of checks: value, reference, error, tolerance, verdict."""
+    return [
+        Column("check", [check.probe for check in checks]),
+        Column("at", [f"{check.stage} {check.step}" for check in checks]),
+        Column("value", ["not reached" if check.value is None else f"{check.value:.6g}" for check in checks]),
+        Column("reference", [with_unit(check.reference, probe_unit(scene, check.probe)) for check in checks]),
+        Column("error", [error_text(check) for check in checks]),
+        Column("tolerance", [tolerance_text(check) for check in checks]),
+        Column("", ["pass" if check.passed else "FAIL" for check in checks]),
+    ]
+
+
+def error_text(check: CheckResult) -> str:
+    """Error of a check, in percent where its tolerance is relative."""
+    if check.error is None:
+        return "-"
+    return f"{100 * check.error:+.2g} %" if check.relative else f"{check.error:+.3g}"
+
+
+def tolerance_text(check: CheckResult) -> str:
+    """Tolerance of a check, in percent where it is relative."""
+    return f"{100 * check.tolerance:.3g} %" if check.relative else f"{check.tolerance:.3g}"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A number with its unit; none after a mere number."""
+    return f"{value:.6g} {unit}".rstrip()
+
+
+def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
+    """The table of load steps in full width; what the steps change ranks above what stays the same."""
+    counts = {stage.name: stage.steps for stage in scene.stages}
+    states = [step.elements.count() for step in steps]
+    sizes = [len(step.elements.state) for step in steps]
+    slack = [f"{count['slack'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]
+    solvers = [step.solver for step in steps]
+    stability = [stability_text(step) for step in steps]
+    ways = [told(step.trace) for step in steps]
+    return [
+        Column("step", [str(step.number) for step in steps]),
+        Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
+        *(
+            number_column(name, scene.units.stress, [step.pressures[name] for step in steps])
+            for name in scene.pressures
+        ),
+        *(number_column(name, load_unit(scene, name), [step.loads[name] for step in steps]) for name in scene.loads),
+        *(
+            number_column(name, motion_unit(scene, name), [step.motions[name] for step in steps])
+            for name in scene.motions
+        ),
+        *(number_column(name, probe_unit(scene, name), [step.probes[name] for step in steps]) for name in scene.probes),
+        replace(number_column("volume", scene.units.volume, [step.volume for step in steps]), rank=2),
+        Column("wrinkled", [f"{count['wrinkled'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]),
+        Column("slack", slack, rank=_rank(slack)),
+        Column("solver", solvers, rank=_rank(solvers)),
+        Column("iterations", [str(step.iterations) for step in steps]),
+        Column("stability", stability, rank=0 if any(word.startswith("unstable") for word in stability) else 3),
+        Column("way", ways, rank=_rank(ways)),
+        Column("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
+    ]
+
+
+def stability_text(step: StepResult) -> str:
+    """The verdict on an equilibrium, with the number of unstable modes."""
+    if step.stable is None:
+        return "not told"
+    return "stable" if step.stable else f"unstable ({step.negative_pivots})"
+
+
+def number_column(name: str, unit: str, values: list[float]) -> Column:
+    """A column of numbers; round-off beside large values is shown as 0."""
+    negligible = _ROUND_OFF * max(map(abs, values), default=0.0)
+    cells = [f"{0.0 if abs(value) < negligible else value:.5g}" for value in values]
+    return Column(f"{name} [{unit}]" if unit else name, cells, rank=_rank(cells))
+
+
+def _rank(cells: list[str]) -> int:
+    return 1 if len(set(cells)) > 1 else 2
+
+
+def step_words(scene: Scene, step: StepResult) -> str:
+    """A load step in one line: stage, what acts, and whether it is an equilibrium."""
+    count = next(stage.steps for stage in scene.stages if stage.name == step.stage)
+    parts = [f"{step.stage} {step.stage_step}/{count}"]
+    several = len(step.pressures) > 1
+    parts += [f"{name if several else 'p'} = {v:.4g} {scene.units.stress}" for name, v in step.pressures.items() if v]
+    parts += [f"{name} = {v:.4g}{factor_unit(scene, name)}" for name, v in step.loads.items() if v]
+    parts += [f"{name} = {v:.4g} {motion_unit(scene, name)}" for name, v in step.motions.items() if v]
+    if not step.converged:
+        parts.append("NOT CONVERGED: last equilibrium")
+    elif step.limit is not None:
+        parts.append("largest stable load")
+    return ", ".join(parts)

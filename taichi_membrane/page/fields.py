@@ -1,0 +1,59 @@
+"""What the page shows of elements and nodes: one list of fields with title, unit and where the numbers come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from taichi_membrane.scene.models import Units
+from taichi_membrane.simulation.results import Floats, StepResult
+
+_SECOND = "second Piola-Kirchhoff: force per area of the unstressed fabric"
+
+
+@dataclass(frozen=True)
+class ElementField:
+    """A number of each element.
+
+    :param name: as in the step files; ``title`` is what a reader sees.
+    :param read: (m,) values at a load step.
+    :param note: what is measured, where the title leaves that open.
+    """
+
+    name: str
+    title: str
+    unit: Literal["", "stress"]
+    read: Callable[[StepResult], Floats]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class NodeVector:
+    """A vector of each node; ``read`` gives (n, 3)."""
+
+    name: str
+    title: str
+    unit: Literal["length", "force"]
+    read: Callable[[StepResult], Floats]
+
+
+ELEMENT_FIELDS = (
+    ElementField("major_stress", "major stress", "stress", lambda s: s.elements.major_stress, _SECOND),
+    ElementField("minor_stress", "minor stress", "stress", lambda s: s.elements.minor_stress, _SECOND),
+    ElementField("stress_warp", "stress, warp", "stress", lambda s: s.elements.stress[:, 0], _SECOND),
+    ElementField("stress_weft", "stress, weft", "stress", lambda s: s.elements.stress[:, 1], _SECOND),
+    ElementField("stress_shear", "stress, shear", "stress", lambda s: s.elements.stress[:, 2], _SECOND),
+    ElementField("strain_warp", "strain, warp", "", lambda s: s.elements.strain[:, 0]),
+    ElementField("strain_weft", "strain, weft", "", lambda s: s.elements.strain[:, 1]),
+    ElementField("strain_shear", "strain, shear", "", lambda s: s.elements.strain[:, 2]),
+    ElementField("fold_strain", "strain in folds", "", lambda s: s.elements.fold_strain),
+)
+# The first one moves the nodes; of the second only nodes where it is not zero are kept.
+DISPLACEMENT = NodeVector("displacement", "displacement", "length", lambda s: s.displacement)
+REACTION = NodeVector("reaction", "support force", "force", lambda s: s.reaction)
+
+
+def unit(units: Units, kind: Literal["", "stress", "length", "force"]) -> str:
+    """Label of a unit; empty for a mere number."""
+    return "" if not kind else str(getattr(units, kind))

@@ -1,0 +1,153 @@
+"""The page's tables; every text is escaped, as names of scenes, groups and files may hold anything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from taichi_membrane.output.tables import check_columns, step_columns
+from taichi_membrane.simulation.results import RunResult
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text. ``identity`` names it in the page; ``steps`` is the load step that each row belongs to."""
+
+    identity: str
+    caption: str
+    headers: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    steps: Sequence[int] | None = None
+    note: str = ""
+
+    def html(self) -> str:
+        """The table as HTML; empty where it has no rows."""
+        if not self.rows:
+            return ""
+        kinds = [' class="number"' if all(map(_is_number, cells)) else "" for cells in zip(*self.rows, strict=True)]
+        head = "".join(
+            f'<th scope="col"{kind}>{escape(text)}</th>' for text, kind in zip(self.headers, kinds, strict=True)
+        )
+        steps: Iterable[int | None] = self.steps if self.steps is not None else [None] * len(self.rows)
+        rows = "\n".join(_row(row, kinds, step) for row, step in zip(self.rows, steps, strict=True))
+        note = f'<p class="quiet">{escape(self.note)}</p>' if self.note else ""
+        return (
+            f'<section><div class="wide"><table id="{self.identity}"><caption>{escape(self.caption)}</caption>'
+            f"<thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table></div>{note}</section>"
+        )
+
+
+def _row(cells: Sequence[str], kinds: Sequence[str], step: int | None) -> str:
+    mark = "" if step is None else f' data-step="{step}"'
+    return f"<tr{mark}>{''.join(map(_cell, cells, kinds))}</tr>"
+
+
+def _cell(text: str, kind: str) -> str:
+    mark = ' class="bad"' if text in ("FAIL", "FAILED") else kind
+    return f"<td{mark}>{escape(text)}</td>"
+
+
+def _is_number(text: str) -> bool:
+    """True for a number with or without unit, and for the words that stand in its place."""
+    return "," not in text and (text.lstrip("+-")[:1].isdigit() or text in ("-", "FAILED", "not reached"))
+
+
+def all_tables(result: RunResult) -> list[Table]:
+    """Every table of the page, in order."""
+    return [
+        _steps(result), _checks(result), _reactions(result), _at_rest(result), _supports(result), _loads(result),
+        _fabrics(result), _provenance(result),
+    ]  # fmt: skip
+
+
+def _steps(result: RunResult) -> Table:
+    columns = step_columns(result.scene, result.steps)
+    rows = list(zip(*(column.cells for column in columns), strict=True))
+    note = "A row shows its step in the view. Residual: out-of-balance forces over applied forces."
+    return Table("steps", "Load steps", [c.header for c in columns], rows, range(len(rows)), note)
+
+
+def _checks(result: RunResult) -> Table:
+    columns = check_columns(result.scene, result.checks)
+    headers = [*(column.header or "verdict" for column in columns), "source of the reference"]
+    cells = [*(column.cells for column in columns), [check.source for check in result.checks]]
+    return Table("checks", "Checks", headers, list(zip(*cells, strict=True)))
+
+
+def _reactions(result: RunResult) -> Table:
+    """Sum of the support forces of each held group, at each converged step."""
+    scene, mesh, force = result.scene, result.mesh, result.scene.units.force
+    groups = list(dict.fromkeys(one.group for one in [*scene.supports, *scene.motions.values()]))
+    rows, steps = [], []
+    for number, step in enumerate(result.steps):
+        if not step.converged:
+            continue
+        # What is left of forces that cancel is round-off.
+        least = 1e-9 * float(np.abs(step.reaction).sum())
+        sums = {group: step.reaction[mesh.node_groups[group]].sum(axis=0) for group in groups}
+        everywhere = {"all held nodes": step.reaction.sum(axis=0)} if len(groups) > 1 else {}
+        for group, total in {**sums, **everywhere}.items():
+            values = [0.0 if abs(value) < least else value for value in (*total, np.linalg.norm(total))]
+            rows.append([str(step.number), group, *(f"{value:.5g}" for value in values)])
+            steps.append(number)
+    headers = ["step", "group", *(f"{name} [{force}]" for name in ("x", "y", "z", "size"))]
+    note = "Forces of the supports on the membrane."
+    note += " A node of two groups counts in both, and once in the last row of a step." if len(groups) > 1 else ""
+    return Table("reactions", "Support forces", headers, rows if groups else [], steps if groups else [], note)
+
+
+def _at_rest(result: RunResult) -> Table:
+    rows = []
+    for step in result.steps:
+        where = f"{step.stage} {step.stage_step}"
+        if step.modes is not None:
+            rows += [[where, f"{step.modes.kind} mode {k}", f"{v:.6g}"] for k, v in enumerate(step.modes.values, 1)]
+        for probe, parts in step.derivatives.items():
+            rows += [[where, f"d {probe} / d {parameter}", f"{value:.6g}"] for parameter, value in parts.items()]
+    note = "Vibration: frequencies, one over the time unit of the density. Buckling: share of the stage at which it begins."
+    return Table("rest", "Modes and derivatives", ["step", "quantity", "value"], rows, None, note)
+
+
+def _supports(result: RunResult) -> Table:
+    scene = result.scene
+    rows = [[one.group, f"held in {one.hold}" if one.hold else f"held along {one.normal}"] for one in scene.supports]
+    rows += [[one.group, f"motion {name}: {one.kind} in {one.hold}"] for name, one in scene.motions.items()]
+    return Table("supports-given", "Supports and motions", ["group of nodes", "what is held"], rows)
+
+
+def _loads(result: RunResult) -> Table:
+    scene = result.scene
+    rows = [[f"pressure {name}", one.group, one.kind, ""] for name, one in scene.pressures.items()]
+    for name, load in scene.loads.items():
+        rows.append([f"load {name}", load.group, load.kind, ", ".join(f"{part:g}" for part in load.direction)])
+    return Table("loads-given", "Pressures and loads", ["name", "group", "kind", "direction"], rows)
+
+
+def _fabrics(result: RunResult) -> Table:
+    scene = result.scene
+    default = {} if scene.fabric is None else {"all others" if scene.fabrics else "all": scene.fabric}
+    fabrics = default | scene.fabrics
+    stress, length = scene.units.stress, scene.units.length
+    rows = [
+        [group, *(f"{v:g}" for v in (one.warp_modulus, one.weft_modulus, one.shear_modulus, one.nu, one.thickness)),
+         one.law, ", ".join(f"{part:g}" for part in one.prestress)]
+        for group, one in fabrics.items()
+    ]  # fmt: skip
+    headers = ["group", *(f"{name} [{stress}]" for name in ("E warp", "E weft", "G")), "nu", f"thickness [{length}]",
+               "wrinkling law", f"prestress: warp, weft, shear [{stress}]"]  # fmt: skip
+    return Table("fabrics", "Fabrics", headers, rows)
+
+
+def _provenance(result: RunResult) -> Table:
+    rows = [
+        [name.replace("_", " "), _words(value)] for name, value in result.provenance.items() if value not in ("", None)
+    ]
+    rows += [[f"time: {phase}", f"{seconds:.1f} s"] for phase, seconds in result.seconds.items()]
+    return Table("versions", "Versions, back end and time", ["what", "which"], rows)
+
+
+def _words(value: object) -> str:
+    return ", ".join(map(str, value)) or "none" if isinstance(value, list | tuple) else str(value)
