@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from taichi_membrane.errors import InputError
     from taichi_membrane.execution.run import resume, run
     from taichi_membrane.mesh import Mesh, read_mesh
+    from taichi_membrane.parametric.fit import fit
+    from taichi_membrane.parametric.sweep import sweep
     from taichi_membrane.scene import Scene
     from taichi_membrane.scene.file import load_scene
     from taichi_membrane.simulation.results import RunResult
@@ -23,13 +25,15 @@ _HOME = {
     "Mesh": "mesh",
     "RunResult": "simulation.results",
     "Scene": "scene",
+    "fit": "parametric.fit",
     "load_scene": "scene.file",
     "read_mesh": "mesh",
     "resume": "execution.run",
     "run": "execution.run",
+    "sweep": "parametric.sweep",
 }
 
-__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "read_mesh", "resume", "run"]
+__all__ = ["InputError", "Mesh", "RunResult", "Scene", "fit", "load_scene", "read_mesh", "resume", "run", "sweep"]
 
 
 def __getattr__(name: str) -> Any:

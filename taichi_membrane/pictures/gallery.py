@@ -11,7 +11,7 @@ from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve, Scene
-from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.scene.units import load_unit, motion_unit, quantity_label
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 _SCALAR_LABEL = {"fold_strain": "strain in folds", "major_stress": "major stress", "displacement": "displacement"}
@@ -135,32 +135,6 @@ def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[
     return tuple(arrows)
 
 
-def curve_values(result: RunResult, quantity: str) -> Floats:
-    """A curve quantity at every converged step: a probe, ``volume``, ``pressure``, ``pressure.NAME`` or ``load.NAME``."""
-    steps = [step for step in result.steps if step.converged]
-    kind, _, name = quantity.partition(".")
-    if quantity in result.scene.probes:
-        return np.array([step.probes[quantity] for step in steps])
-    if quantity == "volume":
-        return np.array([step.volume for step in steps])
-    if kind == "pressure":
-        return np.array([step.pressures[name or next(iter(step.pressures))] for step in steps])
-    return np.array([step.motions[name] if kind == "motion" else step.loads[name] for step in steps])
-
-
-def _quantity_label(scene: Scene, quantity: str) -> str:
-    kind, _, name = quantity.partition(".")
-    if quantity in scene.probes:
-        unit = probe_unit(scene, quantity)
-        return f"{quantity.replace('_', ' ')} [{unit}]" if unit else quantity.replace("_", " ")
-    if quantity == "volume":
-        return f"volume [{scene.units.volume}]"
-    if kind == "pressure":
-        return f"pressure{' ' + name if name else ''} [{scene.units.stress}]"
-    unit = motion_unit(scene, name) if kind == "motion" else _load_unit(scene, name).strip()
-    return f"{kind} {name} [{unit}]"
-
-
 def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:
     """Draw ``curve.png``: the computed curve, references, lines, and the first step with wrinkles as a mark."""
     steps = [step for step in result.steps if step.converged]
@@ -168,8 +142,8 @@ def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:
     if curve.stage is not None and inside.any():
         first = int(np.argmax(inside))
         inside[max(first - 1, 0)] = True
-    x = curve.x_scale * curve_values(result, curve.x)[inside]
-    y = curve.y_scale * curve_values(result, curve.y)[inside]
+    x = curve.x_scale * np.array([step.quantity(curve.x) for step in steps])[inside]
+    y = curve.y_scale * np.array([step.quantity(curve.y) for step in steps])[inside]
     marks = []
     wrinkled = [step.elements.count()["wrinkled"] > 0 for step, used in zip(steps, inside, strict=True) if used]
     if any(wrinkled) and not wrinkled[0]:
@@ -181,8 +155,8 @@ def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:
             Series(label="computed", x=x, y=y, style="computed"),
             *(Series(label=r.label, x=np.array(r.x), y=np.array(r.y), style="reference") for r in curve.references),
         ],
-        x_label=curve.x_label or _quantity_label(result.scene, curve.x),
-        y_label=curve.y_label or _quantity_label(result.scene, curve.y),
+        x_label=curve.x_label or quantity_label(result.scene, curve.x),
+        y_label=curve.y_label or quantity_label(result.scene, curve.y),
         title=result.scene.title or result.scene.name,
         lines=[ReferenceLine(label=line.label, axis=line.axis, value=line.value) for line in curve.lines],
         marks=marks,

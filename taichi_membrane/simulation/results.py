@@ -92,6 +92,17 @@ class StepResult:
     modes: ModeResult | None
     seconds: float
 
+    def quantity(self, name: str) -> float:
+        """What a curve plots: a probe, ``volume``, ``pressure``, ``pressure.NAME``, ``load.NAME`` or ``motion.NAME``."""
+        if name in self.probes:
+            return self.probes[name]
+        kind, _, of = name.partition(".")
+        if name == "volume":
+            return self.volume
+        if kind == "pressure":
+            return self.pressures[of or next(iter(self.pressures))]
+        return (self.motions if kind == "motion" else self.loads)[of]
+
 
 @dataclass(frozen=True, kw_only=True)
 class CheckResult:
