@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import TypeVar
 
@@ -12,7 +12,7 @@ Result = TypeVar("Result")
 
 def side_by_side(
     items: Sequence[Item], work: Callable[[Item], Result], *, jobs: int, stop: Callable[[], None]
-) -> Iterator[Result]:
+) -> Generator[Result]:
     """The result of ``work`` on each item, as each ends, with ``jobs`` threads; they begin in the order of the items.
 
     :param stop: called where the caller leaves early or a piece of work fails; must make the work in progress end. What has not
@@ -24,7 +24,7 @@ def side_by_side(
         for future in as_completed(waiting):
             yield future.result()
     except BaseException:  # Ctrl-C above all: leave no process behind
-        pool.shutdown(wait=False, cancel_futures=True)
         stop()
+        pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()

@@ -34,12 +34,12 @@ def versions() -> dict[str, str]:
 
 
 def cluster_answers(
-    trials: Sequence[Trial], text: Callable[[Trial], str], *, address: str, jobs: int, patience: float = NO_WORKER
+    trials: Sequence[Trial], text: Callable[[Trial], str], *, address: str, jobs: int, patience: float | None = None
 ) -> Generator[tuple[Trial, Answer]]:
     """Each trial with its answer, as they end, begun in the order given.
 
     :param address: of a scheduler, such as ``tcp://host:8786``; ``local`` starts one here with ``jobs`` workers.
-    :param patience: seconds to wait for a worker.
+    :param patience: seconds to wait for a worker; :data:`NO_WORKER` when None.
     :raises InputError: Dask is not installed; no scheduler or worker there; a worker without this package or with other versions;
         scheduler or all workers lost on the way (what has arrived was given out before).
     """
@@ -47,6 +47,7 @@ def cluster_answers(
         from distributed import Client, LocalCluster
     except ImportError:
         raise InputError("--cluster needs Dask: install 'taichi-membrane[cluster]'") from None
+    patience = NO_WORKER if patience is None else patience
     with ExitStack() as stack:
         if address == "local":
             cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None)

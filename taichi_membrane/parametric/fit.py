@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -88,6 +89,7 @@ def fit(
     base: Path | None = None,
     jobs: int = 1,
     most: int = 50,
+    workers: LocalPool | None = None,
 ) -> FitResult:
     """Find the settings for which a probe follows a measured curve best.
 
@@ -96,18 +98,19 @@ def fit(
     :param stage: the stage that was measured; the last one when None.
     :param jobs: runs side by side where derivatives are differences.
     :param most: steps of the search.
+    :param workers: a pool to run on, kept for the next fit; one of its own when None.
     :raises InputError: bad input; fewer readings than free settings; another process at work in ``out``.
     """
     measured = to if isinstance(to, Measured) else read_measured(to)
     search = _Search(scene, measured, free, probe, stage, fixed, base)
     if out is None:
-        return search.run(jobs, most, None)
+        return search.run(workers, jobs, most, None)
     from taichi_membrane.output.lock import sole_writer
     from taichi_membrane.parametric.fit_report import check_fit_folder, write_fit
 
     check_fit_folder(out)
     with sole_writer(out):
-        found = search.run(jobs, most, out)
+        found = search.run(workers, jobs, most, out)
         return write_fit(found, out)
 
 
@@ -136,6 +139,7 @@ class _Search:
             raise InputError(
                 f"{len(measured.x)} readings cannot tell {len(self.free)} settings and an error; more are needed"
             )
+        at_readings(plain, measured, stage)  # what does not fit together is told before anything runs
         self.by_adjoint = self._adjoint(plain)
         self.scale = np.array([one.start or 1.0 for one in self.free])
         # Values are known to the tolerance t, a difference over h to t/h, and it is h off the tangent: least where h = √t.
@@ -154,13 +158,13 @@ class _Search:
                 found[number] = name
         return found
 
-    def run(self, jobs: int, most: int, out: Path | None) -> FitResult:
+    def run(self, workers: LocalPool | None, jobs: int, most: int, out: Path | None) -> FitResult:
         """Search from the start."""
         low = np.array([one.low for one in self.free]) / self.scale
         high = np.array([one.high for one in self.free]) / self.scale
         low, high = np.minimum(low, high), np.maximum(low, high)
         start = np.array([one.start for one in self.free]) / self.scale
-        with LocalPool(jobs=jobs) as self._pool:
+        with LocalPool(jobs=jobs) if workers is None else nullcontext(workers) as self._pool:
             try:
                 found: Any = optimize.least_squares(
                     self._residuals, start, jac=self._jacobian, bounds=(low, high), xtol=self.step**2, max_nfev=most
