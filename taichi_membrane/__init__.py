@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from taichi_membrane.execution.run import resume, run
     from taichi_membrane.mesh import Mesh, read_mesh
     from taichi_membrane.page.notebook import show
+    from taichi_membrane.parametric.fit import fit
+    from taichi_membrane.parametric.sweep import sweep
     from taichi_membrane.scene import Scene
     from taichi_membrane.scene.file import load_scene
     from taichi_membrane.simulation.results import RunResult
@@ -24,14 +26,28 @@ _HOME = {
     "Mesh": "mesh",
     "RunResult": "simulation.results",
     "Scene": "scene",
+    "fit": "parametric.fit",
     "load_scene": "scene.file",
     "read_mesh": "mesh",
     "resume": "execution.run",
     "run": "execution.run",
     "show": "page.notebook",
+    "sweep": "parametric.sweep",
 }
 
-__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "read_mesh", "resume", "run", "show"]
+__all__ = [
+    "InputError",
+    "Mesh",
+    "RunResult",
+    "Scene",
+    "fit",
+    "load_scene",
+    "read_mesh",
+    "resume",
+    "run",
+    "show",
+    "sweep",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -68,6 +68,16 @@ def sphere_plan(at: str | None = None, *fixed: str) -> Plan:
     return build_plan(SPHERE, ["mesh.divisions=2,3", "precision=f64,f32"], probes=["radius"], at=at, fixed=fixed)
 
 
+def test_of_a_stage_that_ends_early_the_last_step_done_is_measured(
+    tmp_path: Path, stand_in: Callable[..., list[str]]
+) -> None:
+    """The stand-in does 4 steps of the stage; the scene allows 6 up to collapse."""
+    early = ("stages.large.steps=6", "stages.large.until=collapse", "checks=[]")
+    assert [run.probes for run in run_all(sphere_plan(None, *early), tmp_path / "a")] == [{"radius": 7.0}] * 4
+    assert [run.probes for run in run_all(sphere_plan("large:6", *early), tmp_path / "b")] == [{}] * 4
+    assert [run.probes for run in run_all(sphere_plan(None, *early[::2]), tmp_path / "c")] == [{}] * 4
+
+
 def test_restart_runs_only_what_is_missing(tmp_path: Path, stand_in: Callable[..., list[str]]) -> None:
     out, heard = tmp_path / "out", []
     first = run_all(sphere_plan(), out)

@@ -197,6 +197,22 @@ def _additions(runs: list[tuple[int, int, int]], own: int) -> list[Addition]:
     return parts
 
 
+_last: tuple[Floats, Ints, Elimination] | None = None  # a sweep runs one mesh many times
+
+
+def kept_elimination(points: Floats, edges: Ints) -> Elimination:
+    """What :func:`eliminate` gives, from the call before where points and edges are the same to the bit.
+
+    It is only read once it is made, so that models may share it. The last one stays in memory.
+    """
+    global _last
+    known = _last
+    if known is None or not (np.array_equal(known[0], points) and np.array_equal(known[1], edges)):
+        known = points.copy(), edges.copy(), eliminate(points, edges)
+        _last = known
+    return known[2]
+
+
 def eliminate(points: Floats, edges: Ints) -> Elimination:
     """Order and symbolic factorisation for nodes at ``points`` (n, 3) that ``edges`` (m, 2) couple."""
     dissection = dissect(points, edges)

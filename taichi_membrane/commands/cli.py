@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
+from taichi_membrane.commands.fit import fit
 from taichi_membrane.commands.study import study
+from taichi_membrane.commands.sweep import sweep
 from taichi_membrane.errors import InputError
 from taichi_membrane.names import Arch, Precision
 
@@ -349,6 +351,8 @@ def schema(
 
 
 app.command()(study)
+app.command()(sweep)
+app.command()(fit)
 
 
 def _camera(camera: Camera, changes: dict[str, Any]) -> Camera:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_membrane.algebra.elimination import Elimination, eliminate
+from taichi_membrane.algebra.elimination import Elimination, kept_elimination
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import FabricConstants, Floats, Ints, TriangleGeometry
 from taichi_membrane.mesh import Mesh
@@ -103,7 +103,7 @@ class Structure:
     @cached_property
     def elimination(self) -> Elimination:
         """Symbolic factorisation of the tangent."""
-        return eliminate(self.mesh.points, self.mesh.edges())
+        return kept_elimination(self.mesh.points, self.mesh.edges())
 
     def prepare(self, *, matrix: bool) -> None:
         """Compute now what the engine will ask for; ``matrix`` with what only a direct solver needs."""

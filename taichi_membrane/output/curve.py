@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from taichi_membrane.scene import Curve, Scene
-from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.scene.units import load_unit
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 
@@ -12,32 +12,6 @@ def quantity_names(scene: Scene) -> list[str]:
     acting = {"pressure": list(scene.pressures), "load": list(scene.loads), "motion": list(scene.motions)}
     factors = [f"{kind}.{name}" for kind, names in acting.items() for name in names]
     return list(dict.fromkeys([*scene.probes, "volume", *factors]))
-
-
-def quantity_value(step: StepResult, quantity: str) -> float:
-    """A quantity at a load step; ``pressure`` alone is the first one's. A probe goes before all else of its name."""
-    if quantity in step.probes:
-        return step.probes[quantity]
-    if quantity == "volume":
-        return step.volume
-    kind, _, name = quantity.partition(".")
-    if kind == "pressure":
-        return step.pressures[name or next(iter(step.pressures))]
-    return step.motions[name] if kind == "motion" else step.loads[name]
-
-
-def quantity_label(scene: Scene, quantity: str) -> str:
-    """Name and unit of a quantity, for an axis."""
-    kind, _, name = quantity.partition(".")
-    if quantity in scene.probes:
-        unit = probe_unit(scene, quantity)
-        return f"{quantity.replace('_', ' ')} [{unit}]" if unit else quantity.replace("_", " ")
-    if quantity == "volume":
-        return f"volume [{scene.units.volume}]"
-    if kind == "pressure":
-        return f"pressure{' ' + name if name else ''} [{scene.units.stress}]"
-    unit = motion_unit(scene, name) if kind == "motion" else factor_unit(scene, name).strip()
-    return f"{kind} {name} [{unit}]"
 
 
 def factor_unit(scene: Scene, name: str) -> str:

@@ -10,13 +10,14 @@ from scipy.sparse import csr_array
 
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import STATE_NAMES
-from taichi_membrane.output.curve import curve_steps, factor_unit, quantity_label, quantity_names, quantity_value
+from taichi_membrane.output.curve import curve_steps, factor_unit, quantity_names
 from taichi_membrane.output.tables import step_words
 from taichi_membrane.page import geometry
 from taichi_membrane.page.fields import DISPLACEMENT, ELEMENT_FIELDS, REACTION, unit
 from taichi_membrane.page.pack import FULL_SCALE, Entry, Pack, finite_range
 from taichi_membrane.pictures.colours import PALETTE, RAMP
 from taichi_membrane.scene import Scene
+from taichi_membrane.scene.units import quantity_label
 from taichi_membrane.simulation.results import Floats, RunResult, StepResult
 
 # How far marks keep apart, in radii of all that is shown: near enough to tell the field, far enough to be told from each other.
@@ -59,7 +60,7 @@ def head_and_block(result: RunResult) -> tuple[dict[str, Any], str]:
         "node_groups": _groups(pack, mesh.node_groups),
         "element_groups": _groups(pack, mesh.tri_groups),
         "quantities": [
-            {"name": name, "label": quantity_label(scene, name), "values": [_plain(quantity_value(s, name)) for s in steps]}
+            {"name": name, "label": quantity_label(scene, name), "values": [_plain(s.quantity(name)) for s in steps]}
             for name in quantity_names(scene)
         ],
         "curve": _curve(result),

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from taichi_membrane.mechanics.preparation import Floats
-from taichi_membrane.output.curve import curve_steps, quantity_label, quantity_value
+from taichi_membrane.output.curve import curve_steps
 from taichi_membrane.output.tables import step_words
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve, Scene
+from taichi_membrane.scene.units import quantity_label
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 _SCALAR_LABEL = {"fold_strain": "strain in folds", "major_stress": "major stress", "displacement": "displacement"}
@@ -120,8 +121,8 @@ def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[
 def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:
     """Draw ``curve.png``: the computed curve, references, lines, and the first step with wrinkles as a mark."""
     steps = curve_steps(result, curve)
-    x = curve.x_scale * np.array([quantity_value(step, curve.x) for step in steps])
-    y = curve.y_scale * np.array([quantity_value(step, curve.y) for step in steps])
+    x = curve.x_scale * np.array([step.quantity(curve.x) for step in steps])
+    y = curve.y_scale * np.array([step.quantity(curve.y) for step in steps])
     marks = []
     wrinkled = [step.elements.count()["wrinkled"] > 0 for step in steps]
     if any(wrinkled) and not wrinkled[0]:

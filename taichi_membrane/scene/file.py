@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 import tomllib
 from collections.abc import Sequence
@@ -28,16 +29,32 @@ def load_scene(path: Path | str, overrides: Sequence[str] = ()) -> Scene:
     :raises InputError: the file cannot be read, or is not a scene; the message names file, key and what is allowed.
     """
     path = resolve_scene(path) if isinstance(path, str) else path
-    text = _read(path)
-    data = _parse(path, text)
+    return with_overrides(path, read_data(path), overrides)
+
+
+def read_data(path: Path) -> dict[str, Any]:
+    """The tables of a scene file, not validated yet.
+
+    :raises InputError: the file cannot be read, or is not TOML.
+    """
+    return _parse(path, _read(path))
+
+
+def with_overrides(source: Path | str, data: dict[str, Any], overrides: Sequence[str]) -> Scene:
+    """Validate a scene's tables with keys replaced as in :func:`load_scene`; ``data`` stays as it is.
+
+    :param source: file or name, for messages.
+    :raises InputError: not a scene.
+    """
+    changed = copy.deepcopy(data)
     for override in overrides:
-        _override(path, data, override)
+        _override(source, changed, override)
     try:
-        return Scene.model_validate(data)
+        return Scene.model_validate(changed)
     except ValidationError as error:
-        told = mistakes(error, data, Scene)
-    source = f"{path} with {' '.join(overrides)}" if overrides and _is_scene(_parse(path, text)) else str(path)
-    raise InputError(f"{source}: {told}")
+        told = mistakes(error, changed, Scene)
+    where = f"{source} with {' '.join(overrides)}" if overrides and _is_scene(data) else str(source)
+    raise InputError(f"{where}: {told}")
 
 
 def shipped_scenes() -> dict[str, Path]:
@@ -113,7 +130,7 @@ def _is_scene(data: dict[str, Any]) -> bool:
     return True
 
 
-def _override(path: Path, data: dict[str, Any], text: str) -> None:
+def _override(path: Path | str, data: dict[str, Any], text: str) -> None:
     """Put one value in place, making the tables on the way to it."""
     key, sign, value = text.partition("=")
     parts = [part.strip() for part in key.replace("[", ".").replace("]", "").split(".")]
@@ -131,6 +148,20 @@ def _override(path: Path, data: dict[str, Any], text: str) -> None:
             place[at] = _value(value)
         else:
             place = place.setdefault(at, {}) if isinstance(place, dict) else place[at]
+
+
+def value_at(source: Path | str, data: dict[str, Any], key: str) -> Any:
+    """What stands at a key as overrides write it; None where nothing does.
+
+    :raises InputError: a list on the way has no such item.
+    """
+    place: Any = data
+    for part in key.replace("[", ".").replace("]", "").split("."):
+        if isinstance(place, list):
+            place = place[_index(place, part, f"{source}: {key}")]
+        else:
+            place = place.get(part) if isinstance(place, dict) else None
+    return place
 
 
 def _index(items: list[Any], part: str, where: str) -> int:

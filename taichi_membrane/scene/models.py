@@ -18,7 +18,7 @@ from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
 from taichi_membrane.scene.support import Motion, Support
 
-_DIFFERENTIABLE = ("displacement", "radius", "rotation", "volume")  # kinds of probes that derivatives exist for
+DIFFERENTIABLE = ("displacement", "radius", "rotation", "volume")  # kinds of probes that derivatives exist for
 _FEW = Field(max_length=MOST)
 LARGEST_PICTURE = 8192 * 4320  # pixels; drawing takes about 150 bytes for each
 
@@ -447,10 +447,10 @@ class Scene(Record):
                 raise ValueError(f"checks[{number}].step = {check.step}, but stage {check.stage!r} has {steps} steps")
         for number, probe_name in enumerate(self.derivatives, 1):
             _known(probe_name, self.probes, f"derivatives[{number}]", "a probe")
-            if self.probes[probe_name].kind not in _DIFFERENTIABLE:
+            if self.probes[probe_name].kind not in DIFFERENTIABLE:
                 raise ValueError(
                     f"derivatives[{number}]: probe {probe_name!r} is of kind {self.probes[probe_name].kind!r}; "
-                    f"derivatives exist for {', '.join(_DIFFERENTIABLE)}"
+                    f"derivatives exist for {', '.join(DIFFERENTIABLE)}"
                 )
         if self.modes is not None and self.modes.kind == "vibration":
             for name, fabric in {"fabric": self.fabric, **{f"fabrics.{n}": f for n, f in self.fabrics.items()}}.items():

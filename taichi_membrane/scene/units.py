@@ -41,3 +41,17 @@ def motion_unit(scene: Scene, name: str) -> str:
     if not isinstance(motion, Translation):
         return "°"
     return scene.units.length if math.isclose(math.hypot(*motion.direction), 1.0, rel_tol=1e-6) else ""
+
+
+def quantity_label(scene: Scene, quantity: str) -> str:
+    """Name and unit of what a curve plots: a probe, ``volume``, ``pressure[.NAME]``, ``load.NAME`` or ``motion.NAME``."""
+    kind, _, name = quantity.partition(".")
+    if quantity in scene.probes:
+        unit = probe_unit(scene, quantity)
+        return f"{quantity.replace('_', ' ')} [{unit}]" if unit else quantity.replace("_", " ")
+    if quantity == "volume":
+        return f"volume [{scene.units.volume}]"
+    if kind == "pressure":
+        return f"pressure{' ' + name if name else ''} [{scene.units.stress}]"
+    unit = motion_unit(scene, name) if kind == "motion" else load_unit(scene, name) or "× direction"
+    return f"{kind} {name} [{unit}]"

@@ -103,6 +103,17 @@ class StepResult:
         """Whether the equilibrium is stable; None where nothing is known of it."""
         return None if self.negative_pivots is None else self.negative_pivots == 0
 
+    def quantity(self, name: str) -> float:
+        """What a curve plots: a probe, ``volume``, ``pressure``, ``pressure.NAME``, ``load.NAME`` or ``motion.NAME``."""
+        if name in self.probes:
+            return self.probes[name]
+        kind, _, of = name.partition(".")
+        if name == "volume":
+            return self.volume
+        if kind == "pressure":
+            return self.pressures[of or next(iter(self.pressures))]
+        return (self.motions if kind == "motion" else self.loads)[of]
+
 
 @dataclass(frozen=True, kw_only=True)
 class CheckResult:

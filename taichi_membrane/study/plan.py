@@ -45,6 +45,7 @@ class Case:
     :param tied: keys that change together with one of the mesh, such as forces that depend on its polygon: they belong to the mesh.
     :param tri_count: number of triangles of its mesh.
     :param stage: stage of the load step that is measured; ``step`` its number in the stage, from 1.
+    :param last_done: measure the last step that was done instead where the stage, which may, ends before that one.
     """
 
     path: Path
@@ -55,6 +56,7 @@ class Case:
     tri_count: int
     stage: str
     step: int
+    last_done: bool = False
 
     @property
     def settings(self) -> dict[str, str]:
@@ -228,9 +230,11 @@ def _case(
             raise InputError(f"{path} with {' '.join(overrides)}: {error}") from error
         tri_counts[key] = model.structure.mesh.tri_count
     stage, step = _load_step(scene, at)
+    last_done = (at is None or at.endswith(":-1")) and next(s for s in scene.stages if s.name == stage).may_end_early
     return Case(
-        path=path, varied=varied, tied=tied, fixed=fixed, scene=scene, tri_count=tri_counts[key], stage=stage, step=step
-    )
+        path=path, varied=varied, tied=tied, fixed=fixed, scene=scene, tri_count=tri_counts[key], stage=stage, step=step,
+        last_done=last_done,
+    )  # fmt: skip
 
 
 def _check_run_settings(settings: Mapping[str, str]) -> None:

@@ -11,12 +11,13 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.execution.side_by_side import side_by_side
 from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.reader import SUMMARY
 from taichi_membrane.study.plan import Case, Plan
@@ -112,19 +113,12 @@ def run_all(
             done[case.identity] = run
             told(run, True)
     stop = threading.Event()
-    with ThreadPoolExecutor(jobs) as pool:
-        waiting = [
-            pool.submit(_run, case, runs_folder, jobs, budget, stop) for case in plan.cases if case.identity not in done
-        ]
-        try:
-            for future in as_completed(waiting):
-                run = future.result()
-                done[run.case.identity] = run
-                told(run, False)
-        except BaseException:  # Ctrl-C above all: leave no process behind
-            stop.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    left = [case for case in plan.cases if case.identity not in done]
+    runs = side_by_side(left, lambda case: _run(case, runs_folder, jobs, budget, stop), jobs=jobs, stop=stop.set)
+    with closing(runs):
+        for run in runs:
+            done[run.case.identity] = run
+            told(run, False)
     return tuple(done[case.identity] for case in plan.cases)
 
 
@@ -208,7 +202,8 @@ def _verdict(code: int | None, summary: dict[str, Any], words: str, budget: floa
 def _result(case: Case, record: _Record, summary: dict[str, Any]) -> Run:
     """Join what the process did with what the run found; a run that is no equilibrium has no values."""
     steps = summary.get("steps", [])
-    measured = next((s for s in steps if (s["stage"], s["stage_step"]) == (case.stage, case.step)), None)
+    of_stage = {step["stage_step"]: step for step in steps if step["stage"] == case.stage}
+    measured = of_stage.get(max(of_stage, default=0) if case.last_done else case.step)
     found = measured is not None and record.status == "converged"
     return Run(
         case=case,
