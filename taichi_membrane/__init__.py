@@ -24,8 +24,8 @@ _HOME = {
     "RunResult": "simulation.results",
     "Scene": "scene",
     "load_scene": "scene.file",
-    "resume": "simulation.run",
-    "run": "simulation.run",
+    "resume": "execution.run",
+    "run": "execution.run",
 }
 
 __all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "resume", "run"]
