@@ -24,14 +24,14 @@ def scene_of(problem: Problem) -> Scene:
     return Scene.model_validate({"name": "case", "units": {"length": "m", "force": "N"}, **problem.scene})
 
 
-def run(case: Case, steps: int) -> Finding:
-    """Run a case in a number of load steps, in this process."""
+def run(case: Case, steps: int, *, threads: int | None = None) -> Finding:
+    """Run a case in a number of load steps, in this process; all cores when ``threads`` is None."""
     started = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             problem = case.problem(steps)
-            result = tm.run(scene_of(problem), mesh=problem.mesh, render=False, threads=1)
+            result = tm.run(scene_of(problem), mesh=problem.mesh, render=False, threads=threads)
         except InputError as error:
             return Finding(case=case.name, steps=steps, refused=str(error))
         except Exception as error:

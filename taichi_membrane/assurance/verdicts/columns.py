@@ -52,7 +52,7 @@ def _columns() -> Iterator[Case]:
     for length in LENGTHS:
         for around in AROUND:
             size: Size = (
-                "small" if (length, around) == (1500.0, 12) else "default" if length in (1000.0, 1500.0) else "full"
+                "small" if (length, around) == (1000.0, 12) else "default" if length in (1000.0, 1500.0) else "full"
             )
 
             def problem(steps: int, length: float = length, around: int = around) -> Problem:

@@ -16,7 +16,7 @@ Told = Callable[[Case, Sequence[Finding]], None]
 def run_case(name: str) -> list[Finding]:
     """A case by all its numbers of load steps, in this process."""
     case = catalogue.CASES[name]
-    return [bench.run(case, steps) for steps in case.steps]
+    return [bench.run(case, steps, threads=1) for steps in case.steps]
 
 
 def run_all(cases: Sequence[Case], *, jobs: int, told: Told) -> dict[str, list[Finding]]:

@@ -57,13 +57,14 @@ class Limit:
 
 
 class Tracer:
-    """Follows the last stage of a case."""
+    """Follows the last stage of a case; the runtime runs in double precision.
+
+    :raises ArithmeticError: a case that is not followed this way.
+    """
 
     def __init__(self, case: Case) -> None:
-        from taichi_membrane.device import runtime
         from taichi_membrane.simulation import analysis
 
-        runtime.start(threads=1)
         problem = case.problem(1)
         scene = scene_of(problem)
         mesh = build_mesh(scene) if problem.mesh is None else with_scene_groups(scene, problem.mesh)
@@ -196,11 +197,13 @@ def entry(case: Case, found: Limit, tracer: Tracer) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Trace the named cases, or all that have no truth, and store what is found."""
+    """Trace the named cases and store what is found."""
     from taichi_membrane.assurance.verdicts import catalogue
+    from taichi_membrane.device import runtime
 
+    runtime.start(threads=1)
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("names", nargs="*")
+    parser.add_argument("names", nargs="+")
     for name in parser.parse_args().names:
         case = catalogue.CASES[name]
         try:

@@ -70,7 +70,7 @@ def _grid(counts: tuple[int, int], word: str, pressures: Any, radii: Any) -> Ite
             def problem(steps: int, p: float = p, r: float = r) -> Problem:
                 return beam(tube_mesh(r, counts), p, r, steps)
 
-            size = _size(p, r)
+            size = _size(p, r) if counts == COARSE else "default" if (p, r) == (0.05, 27.0) else "full"
             yield Case(
                 name=name, family="tubes", problem=problem, truth=stored(name), size=size,
                 steps=(1, 4) if size == "small" else (1, 4, 14),
