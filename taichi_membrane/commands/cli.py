@@ -314,17 +314,29 @@ def stress(
     full: Annotated[
         bool, typer.Option("--full", help="More levels, every solver on all of them; up to an hour.")
     ] = False,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Output folder.")] = Path("renders/stability"),
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Output folder.", show_default="renders/ and the set's name")
+    ] = None,
     only: Annotated[list[str] | None, typer.Option("--only", metavar="NAME", help="One case. May be repeated.")] = None,
     jobs: Annotated[int, typer.Option(min=1, max=3, help="Processes side by side.")] = 2,
+    which: Annotated[
+        Literal["stability", "verdicts"],
+        typer.Option("--set", help="Borders of safe results, or the truth of what runs say of themselves."),
+    ] = "stability",
 ) -> None:
-    """Push materials, meshes, states and loads until something gives; write where.
+    """Push materials, meshes, states and loads until something gives; write where. Or hold verdicts against the truth.
 
     Exit code: 0 all well, 1 a wrong result or a border that has moved in, 2 bad input.
     """
-    from taichi_membrane.commands.stress import stress as run_cases
+    directory = out or Path("renders") / which
+    if which == "verdicts":
+        from taichi_membrane.commands.verdicts import verdicts
 
-    code = run_cases(full, out, only or [], jobs)
+        code = verdicts(full, directory, only or [], jobs)
+    else:
+        from taichi_membrane.commands.stress import stress as run_cases
+
+        code = run_cases(full, directory, only or [], jobs)
     if code:
         raise typer.Exit(code)
 

@@ -1,0 +1,1 @@
+"""Whether what a run says of itself is true: converged, stable, collapse between two loads, no collapse."""
