@@ -78,7 +78,7 @@ def _prepared(axes: Axes, ticks: int = 4) -> None:
 
 def _draw_scatter(table: SweepTable, inputs: Sequence[str], shown: Sequence[str], path: Path) -> Path:
     """A panel for each setting and quantity; what stands apart is a cross on the lower edge, as it has no value to be placed at."""
-    figure = _figure(_PANEL * len(inputs) + 1.1, _PANEL * len(shown) + 1.2, table, "scatter")
+    figure = _figure(max(_PANEL * len(inputs) + 1.1, 7.0), _PANEL * len(shown) + 1.2, table, "scatter")
     panels = figure.subplots(len(shown), len(inputs), squeeze=False, sharex="col", sharey="row")
     settings = {key: np.array([float(row.trial.settings[key]) for row in table.rows]) for key in inputs}
     any_apart = False
@@ -187,7 +187,12 @@ def _draw_tornado(table: SweepTable, found: Sequence[Importance], path: Path) ->
     rows = max(len({one.key for one in of}) for of in by_quantity.values())
     columns = min(2, len(by_quantity))
     lines = -(-len(by_quantity) // columns)
-    figure = _figure(4.3 * columns + 0.4, (0.34 * rows * len(kinds) + 1.0) * lines + 0.9, table, "what matters")
+    figure = _figure(
+        max(4.3 * columns + 0.4, 6.5),
+        (0.34 * rows * len(kinds) + 1.0) * lines + 0.9,
+        table,
+        f"what matters (whiskers: {CONFIDENCE:.0%} confidence)",
+    )
     panels = figure.subplots(lines, columns, squeeze=False)
     for axes in panels.flat[len(by_quantity) :]:
         axes.set_axis_off()
@@ -197,7 +202,6 @@ def _draw_tornado(table: SweepTable, found: Sequence[Importance], path: Path) ->
             f"{named(table, quantity)}, {of[0].counted} of {of[0].asked}", fontsize=FONT["small"], color=INK, loc="left"
         )
     handles, names = panels.flat[0].get_legend_handles_labels()
-    names = [f"{name} (whisker: {CONFIDENCE:.0%} confidence)" for name in names]
     figure.legend(handles, names, loc="outside lower center", ncols=2, frameon=False, fontsize=FONT["small"])
     return _saved(figure, path)
 
