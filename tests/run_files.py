@@ -61,7 +61,7 @@ def a_mesh() -> Mesh:
 
 
 MESH = a_mesh()
-SETTINGS = Settings(precision="f32", threads=2)
+SETTINGS = Settings(precision="f32", threads=2, render=False)
 PROVENANCE = {"arch": "x64", "threads": 2}
 FABRIC = np.arange(MESH.tri_count, dtype=np.int32) % 2
 

@@ -304,7 +304,7 @@ def asked(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
         (asked("precision", "f16"), "precision = 'f16' is not one of f64, f32"),
         (asked("threads", "many"), "summary.json: damaged: ValueError: invalid literal for int()"),
         (lambda summary: summary.update(format="other"), "not the summary of a run of this program"),
-        (lambda summary: summary.update(format_version=1), "format version 1, but this program reads version 3"),
+        (lambda summary: summary.update(format_version=1), "format version 1, but this program reads version 4"),
     ],
 )
 def test_what_cannot_go_on_bit_by_bit_is_refused_and_left_alone(
@@ -348,8 +348,26 @@ def test_resume_takes_no_scene_and_no_settings(run: Path, arguments: list[str], 
     assert (done.exit_code, done.stdout, done.stderr) == (2, "", told)
 
 
+@pytest.mark.parametrize(("options", "drawn"), [((), False), (("--render",), True), (("--no-render",), False)])
+def test_pictures_are_drawn_as_the_run_was_begun_unless_asked_anew(
+    run: Path, options: tuple[str, ...], drawn: bool
+) -> None:
+    """The run was begun without; and what a resume is asked for holds for the next one."""
+
+    def stopped(summary: dict[str, Any]) -> None:
+        summary["complete"] = False
+        del summary["steps"][4:]
+
+    forge(run, stopped)
+    for arguments in (options, ()):
+        assert call("run", "--resume", str(run), *arguments).exit_code == 0
+        assert (run / "step_0004.png").exists() == drawn
+        assert (run / "curve.png").exists() == drawn
+        forge(run, stopped)
+
+
 def test_ctrl_c_counts_the_steps_that_were_there_before(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(directory: Path, *, render: bool, observer: Observer) -> None:
+    def interrupted(directory: Path, *, render: bool | None, observer: Observer) -> None:
         observer.kept(read_run(directory).steps)
         raise KeyboardInterrupt
 

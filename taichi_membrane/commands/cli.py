@@ -111,7 +111,14 @@ def run(
     arch: Annotated[Arch, typer.Option(help="Back end of Taichi.")] = "cpu",
     precision: Annotated[Precision, typer.Option(help="Floating-point type of the mechanics.")] = "f64",
     overrides: SetOption = None,
-    render: Annotated[bool, typer.Option("--render/--no-render", help="Draw pictures and the curve.")] = True,
+    render: Annotated[
+        bool,
+        typer.Option(
+            "--render/--no-render",
+            help="Draw pictures and the curve.",
+            show_default="yes; with --resume as the run was begun",
+        ),
+    ] = True,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but failures.")] = False,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="all cores")] = None,
     repair: RepairOption = False,
@@ -122,7 +129,7 @@ def run(
     step did not converge, 4 the structure collapses before its last load.
     """
     if resume is not None:
-        _go_on(context, resume, render, quiet)
+        _go_on(context, resume, quiet)
         return
     if scene is None:
         raise typer.BadParameter("a scene, or --resume DIR", ctx=context, param_hint="SCENE")
@@ -152,22 +159,20 @@ def run(
     _run(work, model, directory, quiet)
 
 
-def _go_on(context: typer.Context, directory: Path, render: bool, quiet: bool) -> None:
+def _go_on(context: typer.Context, directory: Path, quiet: bool) -> None:
     """The command ``run --resume``."""
     from taichi_membrane.execution.run import resume as resume_run
     from taichi_membrane.output.reader import read_scene
 
     allowed = ("--resume", "--render", "--quiet")
     sources = {one.opts[0]: context.get_parameter_source(str(one.name)) for one in context.command.params}
-    given = [
-        option.replace("scene", "SCENE")
-        for option, source in sources.items()
-        if option not in allowed and source is not None and source.name != "DEFAULT"
-    ]
-    if given:
+    given = [option for option, source in sources.items() if source is not None and source.name != "DEFAULT"]
+    barred = [option.replace("scene", "SCENE") for option in given if option not in allowed]
+    if barred:
         raise InputError(
-            f"--resume {directory}: scene and settings are those of the run in that folder; leave out {', '.join(given)}"
+            f"--resume {directory}: scene and settings are those of the run in that folder; leave out {', '.join(barred)}"
         )
+    render = context.params["render"] if "--render" in given else None
     _run(
         lambda observer: resume_run(directory, render=render, observer=observer),
         read_scene(directory),

@@ -29,7 +29,7 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
 from taichi_membrane.simulation.results import ElementFields, Floats, ModeResult, Settings, StepResult
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 3
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 4
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
 MODE = "mode_"  # begins the name of a mode shape in a step's file
@@ -157,9 +157,11 @@ def _damage_told(directory: Path) -> Iterator[None]:
         raise InputError(f"{directory / SUMMARY}: damaged: {type(error).__name__}: {error}") from error
 
 
-def _settings(arch: Any, precision: Any, threads: Any) -> Settings:
+def _settings(arch: Any, precision: Any, threads: Any, render: Any) -> Settings:
     """What the run was asked for; the names are checked where Taichi is started."""
-    return Settings(arch=arch, precision=precision, threads=None if threads is None else int(threads))
+    return Settings(
+        arch=arch, precision=precision, threads=None if threads is None else int(threads), render=bool(render)
+    )
 
 
 def _scene(directory: Path, summary: dict[str, Any]) -> Scene:

@@ -116,6 +116,7 @@ class Settings:
     arch: Arch = "cpu"
     precision: Precision = "f64"
     threads: int | None = None
+    render: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
