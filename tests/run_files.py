@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_membrane import fields as tables
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import Outcome
 from taichi_membrane.output.writer import Writer
@@ -18,7 +19,6 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.shapes import panel
 from taichi_membrane.simulation.results import (
     CheckResult,
-    ElementFields,
     ModeResult,
     RunResult,
     Settings,
@@ -70,17 +70,8 @@ def a_step(number: int, **changes: Any) -> StepResult:
     """A step with numbers that differ in every bit (seeded by the step's number)."""
     rng = np.random.default_rng(number)
     m = MESH.tri_count
-    elements = ElementFields(
-        strain=rng.normal(size=(m, 3)),
-        stress=rng.normal(size=(m, 3)),
-        state=rng.integers(0, 3, m).astype(np.int8),
-        fold_strain=rng.normal(size=m),
-        taut_margin=rng.normal(size=m),
-        slack_margin=rng.normal(size=m),
-        major_stress=rng.normal(size=m),
-        minor_stress=rng.normal(size=m),
-        major_direction=rng.normal(size=(m, 3)),
-    )
+    values = {one.name: rng.normal(size=one.shape(MESH.node_count, m)) for one in tables.FIELDS}
+    values["state"] = rng.integers(0, 3, m).astype(np.int8)
     modes = ModeResult(kind="vibration", values=(1.0 / 3.0, 2.0), shapes=rng.normal(size=(2, MESH.node_count, 3)))
     step = StepResult(
         number=number,
@@ -89,9 +80,7 @@ def a_step(number: int, **changes: Any) -> StepResult:
         pressures={"inside": 0.1 * number},
         loads={"pull": 1.0 / 3.0, "wind": 0.0, "seam": -2e-300},
         motions={},
-        displacement=rng.normal(size=(MESH.node_count, 3)),
-        reaction=rng.normal(size=(MESH.node_count, 3)),
-        elements=elements,
+        fields=values,
         probes=dict(zip(SCENE.probes, map(float, rng.normal(size=6)), strict=True)),
         volume=1.5,
         energy=-2.5,
@@ -155,7 +144,7 @@ def different(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
 
 def same(a: Any, b: Any) -> bool:
     """Equal to the last bit, arrays, records and NaN included."""
-    if isinstance(a, ElementFields | StepResult | ModeResult):
+    if isinstance(a, StepResult | ModeResult):
         return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)

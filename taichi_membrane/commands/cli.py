@@ -19,6 +19,7 @@ from typer.core import TyperGroup
 
 from taichi_membrane.commands.study import study
 from taichi_membrane.errors import InputError
+from taichi_membrane.fields import drawn
 from taichi_membrane.names import Arch, Precision
 
 if TYPE_CHECKING:
@@ -225,9 +226,7 @@ def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOptio
 @app.command()
 def render(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of a run.")],
-    field: Annotated[
-        Literal["state", "fold_strain", "major_stress", "displacement"] | None, typer.Option(help="What colours show.")
-    ] = None,
+    field: Annotated[str | None, typer.Option(metavar="NAME", help=f"What colours show: {', '.join(drawn())}.")] = None,
     azimuth: Annotated[float | None, typer.Option(help="Degrees about z.")] = None,
     elevation: Annotated[float | None, typer.Option(min=-90, max=90, help="Degrees above the xy plane.")] = None,
     projection: Annotated[Literal["perspective", "orthographic"] | None, typer.Option()] = None,

@@ -21,19 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from taichi_membrane import fields as tables
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.mesh.check import frozen
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
-from taichi_membrane.simulation.results import ElementFields, Floats, ModeResult, Settings, StepResult
+from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 4
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
 MODE = "mode_"  # begins the name of a mode shape in a step's file
-FABRIC_AXES = ("warp", "weft", "shear")  # end the names of stress and strain arrays in a step's file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,23 +204,15 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
     content = _read_vtu(path, record["sha256"])
     cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
 
-    def per_node(name: str) -> Floats:
+    def shape_of_mode(name: str) -> Floats:
         return _array(path, content.point_data, name, (mesh.node_count, 3))
 
-    def per_element(name: str, *width: int) -> Floats:
-        return _array(path, cells, name, (mesh.tri_count, *width))
-
-    elements = ElementFields(
-        strain=np.stack([per_element(f"strain_{axis}") for axis in FABRIC_AXES], axis=1),
-        stress=np.stack([per_element(f"stress_{axis}") for axis in FABRIC_AXES], axis=1),
-        state=per_element("state").astype(np.int8),
-        fold_strain=per_element("fold_strain"),
-        taut_margin=per_element("taut_margin"),
-        slack_margin=per_element("slack_margin"),
-        major_stress=per_element("major_stress"),
-        minor_stress=per_element("minor_stress"),
-        major_direction=per_element("major_direction", 3),
-    )
+    fields: dict[str, NDArray[Any]] = {}
+    for field in tables.FIELDS:
+        arrays = content.point_data if field.place == "node" else cells
+        shape = field.shape(mesh.node_count, mesh.tri_count)
+        parts = [_array(path, arrays, one, shape[:1] if field.split else shape) for one in field.arrays]
+        fields[field.name] = (np.stack(parts, axis=1) if field.split else parts[0]).astype(field.dtype)
     return StepResult(
         number=int(record["number"]),
         stage=str(record["stage"]),
@@ -228,9 +220,7 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         pressures=_numbers(record["pressures"]),
         loads=_numbers(record["loads"]),
         motions=_numbers(record["motions"]),
-        displacement=per_node("displacement"),
-        reaction=per_node("reaction"),
-        elements=elements,
+        fields=fields,
         probes=_numbers(record["probes"]),
         volume=_number(record["volume"]),
         energy=None if record["energy"] is None else float(record["energy"]),
@@ -242,7 +232,7 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         cuts=int(record["cuts"]),
         negative_pivots=None if record["negative_pivots"] is None else int(record["negative_pivots"]),
         derivatives={name: _numbers(values) for name, values in record["derivatives"].items()},
-        modes=None if record["modes"] is None else _modes(record["modes"], per_node),
+        modes=None if record["modes"] is None else _modes(record["modes"], shape_of_mode),
         limit=None if record["limit"] is None else {key: (low, high) for key, (low, high) in record["limit"].items()},
         seconds=_number(record["seconds"]),
     )

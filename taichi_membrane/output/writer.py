@@ -23,12 +23,12 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_membrane import fields
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.lock import LOCK
 from taichi_membrane.output.reader import (
-    FABRIC_AXES,
     FORMAT,
     FORMAT_VERSION,
     GROUP,
@@ -151,15 +151,12 @@ class Writer:
 
     def _write_arrays(self, path: Path, step: StepResult) -> str:
         """Points are unstressed and the displacement a vector, so that ParaView's Warp By Vector gives the deformed shape."""
-        fields = step.elements
-        cells: dict[str, NDArray[Any]] = {"state": fields.state}
-        for name in ("fold_strain", "major_stress", "minor_stress", "major_direction", "taut_margin", "slack_margin"):
-            cells[name] = getattr(fields, name)
-        for number, axis in enumerate(FABRIC_AXES):
-            cells[f"stress_{axis}"] = fields.stress[:, number]
-            cells[f"strain_{axis}"] = fields.strain[:, number]
+        places: dict[str, dict[str, NDArray[Any]]] = {"node": {}, "element": {}}
+        for field in fields.FIELDS:
+            values = step.fields[field.name]
+            places[field.place] |= zip(field.arrays, values.T if field.split else [values], strict=True)
+        points, cells = places["node"], places["element"]
         cells["fabric"] = self._tri_fabric
-        points = {"displacement": step.displacement, "reaction": step.reaction}
         if step.modes is not None:
             points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
         return _write_vtu(path, self._mesh, points, cells)
@@ -203,6 +200,8 @@ class Writer:
                 "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
             },
             "files": [path.name for path in self._files()],
+            "fields": _field_notes(self._scene),
+            "probes": {name: probe_unit(self._scene, name) for name in self._scene.probes},
             "steps": self._records,
             "scene": self._scene.model_dump(mode="json"),
         }
@@ -256,10 +255,23 @@ def _header(name: str, unit: str) -> str:
 
 def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
     """A load step in the summary: all but its arrays."""
-    arrays = ("displacement", "reaction", "elements", "modes")
-    scalars = {key: value for key, value in vars(step).items() if key not in arrays}
+    scalars = {key: value for key, value in vars(step).items() if key not in ("fields", "modes")}
     modes = None if step.modes is None else {"kind": step.modes.kind, "values": step.modes.values}
     return {**scalars, "modes": modes, "element_states": step.elements.count(), "file": file, "sha256": checksum}
+
+
+def _field_notes(scene: Scene) -> dict[str, dict[str, Any]]:
+    """What the arrays of a step's file mean."""
+    return {
+        field.name: {
+            "arrays": field.arrays,
+            "place": field.place,
+            "meaning": field.meaning,
+            "unit": getattr(scene.units, field.unit) if field.unit else "",
+            **({"measure": f"{field.measure}: {fields.MEASURES[field.measure]}"} if field.measure else {}),
+        }
+        for field in fields.FIELDS
+    }
 
 
 def _plain(value: Any) -> Any:

@@ -10,10 +10,22 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from taichi_membrane import fields
 from taichi_membrane.names import SideStrain, WrinklingLaw
-from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Label, Name, Positive, Record, Vector
+from taichi_membrane.scene.base import (
+    MOST,
+    AllowedNames,
+    Direction,
+    Finite,
+    GroupName,
+    Label,
+    Name,
+    Positive,
+    Record,
+    Vector,
+)
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
 from taichi_membrane.scene.support import Motion, Support
@@ -42,6 +54,11 @@ class Units(Record):
     def volume(self) -> str:
         """Label of volume."""
         return f"{self.length}³"
+
+    @property
+    def resultant(self) -> str:
+        """Label of force per width."""
+        return f"{self.force}/{self.length}"
 
     @property
     def area(self) -> str:
@@ -240,11 +257,18 @@ class Check(Record):
         return self
 
 
+def _drawn(name: str) -> str:
+    """Refuse what no picture can show."""
+    if name not in fields.drawn():
+        raise ValueError(f"pictures cannot show {name!r}; allowed: {', '.join(fields.drawn())}")
+    return name
+
+
 class Camera(Record):
     """How the pictures look; one camera and one colour range serve all steps of a run."""
 
-    field: Literal["state", "fold_strain", "major_stress", "displacement"] = "state"
-    """What the colours show."""
+    field: Annotated[str, AfterValidator(_drawn), AllowedNames(fields.drawn)] = "state"
+    """What the colours show: wrinkling states, or a field by a colour scale."""
     azimuth: Finite = -60.0
     """Where the camera stands, about z [degrees]."""
     elevation: Annotated[float, Field(ge=-90, le=90)] = 20.0

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 
-from taichi_membrane.scene import FactorProbe, Scene, Translation
+from taichi_membrane import fields
+from taichi_membrane.scene import FactorProbe, ResultantProbe, Scene, StressProbe, Translation
 
 
 def probe_unit(scene: Scene, name: str) -> str:
-    """Unit of a probe; empty for a share."""
+    """Unit of a probe, of a stress with its measure; empty for a share."""
     units, probe = scene.units, scene.probes[name]
     if isinstance(probe, FactorProbe):
         kind, _, factor = probe.of.partition(".")
         if kind == "pressure":
             return units.stress
         return load_unit(scene, factor) if kind == "load" else motion_unit(scene, factor)
+    if isinstance(probe, StressProbe | ResultantProbe):
+        return fields.named(f"{probe.which}_{probe.kind}").unit_label(units)
     return {
         "displacement": units.length,
         "radius": units.length,
@@ -22,7 +25,6 @@ def probe_unit(scene: Scene, name: str) -> str:
         "moment": units.energy,
         "rotation": "°",
         "volume": units.volume,
-        "stress": units.stress,
         "area_share": "",
     }[probe.kind]
 

@@ -13,9 +13,10 @@ from taichi_membrane.scene import Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import Course, LoadState
-from taichi_membrane.simulation.results import ElementFields, ModeResult, StepResult
+from taichi_membrane.simulation.present import Present
+from taichi_membrane.simulation.results import ModeResult, StepResult
 from taichi_membrane.solvers.newton import AnyFactor
-from taichi_membrane.solvers.record import ElementState, SolveRecord
+from taichi_membrane.solvers.record import SolveRecord
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,16 @@ class Measure:
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
         self.membrane.set_displacement(displacement)
-        elements = self._element_fields(self.membrane.element_state(), displacement)
         dead = self.model.nodal_loads(state.pressures, state.loads)
         local = self.membrane.in_frames(-self.membrane.out_of_balance())
         reaction = self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0))
+        present = Present(
+            structure=self.model.structure,
+            displacement=displacement,
+            reaction=reaction,
+            elements=self.membrane.element_state(),
+        )
+        values = present.fields()
         volume = self._rest_volume + float(self.membrane.swept_volumes(displacement).sum())
         energy = self.membrane.potential_energy(dead)[0] if self._has_energy else None
         if energy is not None and self.equilibrium.gas is not None:
@@ -80,10 +87,8 @@ class Measure:
             pressures=state.pressures,
             loads=state.loads,
             motions=state.motions,
-            displacement=displacement,
-            reaction=reaction,
-            elements=elements,
-            probes=probes.evaluate(self.model, displacement, reaction, elements, volume, state),
+            fields=values,
+            probes=probes.evaluate(self.model, values, volume, state),
             volume=volume,
             energy=energy,
             solver=record.method,
@@ -138,32 +143,3 @@ class Measure:
     @cached_property
     def _mass(self) -> Floats:
         return modes.nodal_mass(self.model)
-
-    def _element_fields(self, state: ElementState, displacement: Floats) -> ElementFields:
-        """Add principal stresses and the direction of the major one on the deformed elements."""
-        warp, weft, shear = state.stress.T
-        mean, half = 0.5 * (warp + weft), 0.5 * (warp - weft)
-        radius = np.hypot(half, shear)
-        angle = 0.5 * np.arctan2(shear, half)
-        geometry = self.membrane.geometry
-        at_rest = np.cos(angle)[:, None] * geometry.warp + np.sin(angle)[:, None] * geometry.weft
-        return ElementFields(
-            **vars(state),
-            major_stress=mean + radius,
-            minor_stress=mean - radius,
-            major_direction=self._pushed_forward(at_rest, displacement),
-        )
-
-    def _pushed_forward(self, tangent: Floats, displacement: Floats) -> Floats:
-        """Unit tangent vectors of the deformed elements that the given ones at rest are carried to."""
-        mesh = self.model.structure.mesh
-        rest = mesh.points[mesh.triangles]
-        first, second = rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]
-        normal = np.cross(first, second)
-        squared = np.einsum("ij,ij->i", normal, normal)
-        along_first = np.einsum("ij,ij->i", np.cross(tangent, second), normal) / squared
-        along_second = np.einsum("ij,ij->i", np.cross(first, tangent), normal) / squared
-        now = rest + displacement[mesh.triangles]
-        moved = along_first[:, None] * (now[:, 1] - now[:, 0]) + along_second[:, None] * (now[:, 2] - now[:, 0])
-        length = np.linalg.norm(moved, axis=1, keepdims=True)
-        return np.asarray(moved / np.where(length > 0.0, length, 1.0))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import spatial
 
-from taichi_membrane import bounds, shapes
+from taichi_membrane import bounds, fields, shapes
 from taichi_membrane import mesh as meshes
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics import preparation
@@ -21,9 +21,9 @@ from taichi_membrane.mesh.topology import edge_table
 from taichi_membrane.scene import Fabric, Load, Rotation, Scene, Translation
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
-# for every load step (displacements, reactions, element fields); besides, the record of a step.
+# for every load step (its fields); besides, the record of a step.
 _NODE_BYTES, _TRIANGLE_BYTES = 150, 250
-_STEP_NODE_BYTES, _STEP_TRIANGLE_BYTES, _STEP_BYTES = 48, 113, 2000
+_STEP_BYTES = 2000
 
 _SHAPES: dict[str, Callable[..., Mesh]] = {
     "tube": shapes.tube,
@@ -188,8 +188,8 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
 def _check_memory(scene: Scene, mesh: Mesh) -> None:
     """Refuse now what could only fail after hours: all load steps are kept until the last one is drawn."""
     steps = sum(stage.steps for stage in scene.stages)
-    node_bytes = _NODE_BYTES + _STEP_NODE_BYTES * steps + 24 * len(scene.loads)
-    tri_bytes = _TRIANGLE_BYTES + _STEP_TRIANGLE_BYTES * steps
+    node_bytes = _NODE_BYTES + fields.step_bytes("node") * steps + 24 * len(scene.loads)
+    tri_bytes = _TRIANGLE_BYTES + fields.step_bytes("element") * steps
     short = bounds.shortage(mesh.node_count * node_bytes + mesh.tri_count * tri_bytes + _STEP_BYTES * steps)
     if short is not None:
         counts = (

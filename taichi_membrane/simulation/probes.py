@@ -12,7 +12,7 @@ from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import Model, group_nodes, group_triangles
-from taichi_membrane.simulation.results import CheckResult, ElementFields, StepResult
+from taichi_membrane.simulation.results import CheckResult, FieldValues, StepResult
 
 
 def validate(model: Model) -> None:
@@ -23,17 +23,16 @@ def validate(model: Model) -> None:
     mesh = model.structure.mesh
     for name, probe in model.scene.probes.items():
         key = f"probes.{name}.group"
-        if isinstance(probe, scenes.StressProbe | scenes.AreaProbe):
+        if isinstance(probe, scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe):
             group_triangles(mesh, probe.group, key)
         elif not isinstance(probe, scenes.VolumeProbe | scenes.FactorProbe):
             group_nodes(mesh, probe.group, key)
 
 
-def evaluate(
-    model: Model, displacement: Floats, reaction: Floats, elements: ElementFields, volume: float, state: LoadState
-) -> dict[str, float]:
+def evaluate(model: Model, fields: FieldValues, volume: float, state: LoadState) -> dict[str, float]:
     """Value of every probe of the scene, in its units."""
     mesh = model.structure.mesh
+    displacement, reaction = fields["displacement"], fields["reaction"]
     values: dict[str, float] = {}
     for name, probe in model.scene.probes.items():
         key = f"probes.{name}.group"
@@ -62,7 +61,7 @@ def evaluate(
             nodes = group_nodes(mesh, probe.group, key)
             values[name] = _mean_radius((mesh.points + displacement)[nodes], probe.axis)
         else:
-            values[name] = _over_elements(probe, elements, mesh.tri_areas(), group_triangles(mesh, probe.group, key))
+            values[name] = _over_elements(probe, fields, mesh.tri_areas(), group_triangles(mesh, probe.group, key))
     return values
 
 
@@ -91,13 +90,13 @@ def _mean_radius(positions: Floats, axis: str) -> float:
 
 
 def _over_elements(
-    probe: scenes.StressProbe | scenes.AreaProbe, elements: ElementFields, area: Floats, group: Ints
+    probe: scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe, fields: FieldValues, area: Floats, group: Ints
 ) -> float:
     weights = area[group]
     if isinstance(probe, scenes.AreaProbe):
-        in_state = elements.state[group] == STATE_NAMES.index(probe.state)
+        in_state = fields["state"][group] == STATE_NAMES.index(probe.state)
         return float(weights[in_state].sum() / weights.sum())
-    stress = (elements.major_stress if probe.which == "major" else elements.minor_stress)[group]
+    stress = fields[f"{probe.which}_{probe.kind}"][group]
     if probe.reduce == "mean":
         return float(np.average(stress, weights=weights))
     return float(stress.max() if probe.reduce == "max" else stress.min())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -9,25 +10,30 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_membrane import fields
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, Outcome, Precision
 from taichi_membrane.scene import Scene
-from taichi_membrane.solvers.record import ElementState
 
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ElementFields(ElementState):
-    """What each triangle does; (m,) arrays unless said otherwise.
+FieldValues = Mapping[str, NDArray[Any]]
 
-    :param major_stress: major principal stress; ``minor_stress`` the other one.
-    :param major_direction: (m, 3) unit vector of the major stress on the deformed element; wrinkles run along it.
+
+@dataclass(frozen=True, eq=False)
+class ElementFields:
+    """What each triangle does: the element fields of :data:`taichi_membrane.fields.FIELDS` as attributes, such as ``major_stress``.
+
+    :param values: arrays by name.
     """
 
-    major_stress: Floats
-    minor_stress: Floats
-    major_direction: Floats
+    values: FieldValues
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        if name == "values" or name not in self.values:  # the former while a copy is made
+            raise AttributeError(f"no element field {name!r}")
+        return self.values[name]
 
     def count(self) -> dict[str, int]:
         """Numbers of taut, wrinkled and slack elements."""
@@ -56,7 +62,7 @@ class StepResult:
 
     :param number: 0, 1, … over the whole run; ``stage_step`` counts 1, 2, … within ``stage``.
     :param pressures: each pressure's value; ``loads`` and ``motions`` each one's factor.
-    :param displacement: (n, 3) nodal displacements; ``reaction`` (n, 3) support forces, zero at free components.
+    :param fields: the values of every field of :data:`taichi_membrane.fields.FIELDS` by name; see there for shapes and units.
     :param volume: enclosed volume of a closed body, else the volume swept since rest.
     :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy.
     :param converged: False marks a state that is *not* an equilibrium; ``reason`` says why.
@@ -74,9 +80,7 @@ class StepResult:
     pressures: dict[str, float]
     loads: dict[str, float]
     motions: dict[str, float]
-    displacement: Floats
-    reaction: Floats
-    elements: ElementFields
+    fields: FieldValues
     probes: dict[str, float]
     volume: float
     energy: float | None
@@ -91,6 +95,21 @@ class StepResult:
     derivatives: dict[str, dict[str, float]]
     modes: ModeResult | None
     seconds: float
+
+    @property
+    def displacement(self) -> Floats:
+        """(n, 3) nodal displacements."""
+        return self.fields["displacement"]
+
+    @property
+    def reaction(self) -> Floats:
+        """(n, 3) support forces, zero at free components."""
+        return self.fields["reaction"]
+
+    @property
+    def elements(self) -> ElementFields:
+        """What each triangle does."""
+        return ElementFields({one.name: self.fields[one.name] for one in fields.FIELDS if one.place == "element"})
 
 
 @dataclass(frozen=True, kw_only=True)
