@@ -20,10 +20,10 @@ from run_files import FABRIC, MESH, PROVENANCE, SCENE, SETTINGS, a_result, a_run
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.output import atomic
-from taichi_membrane.output import writer as output
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.output.writer import Writer
 from taichi_membrane.scene import Scene
+from taichi_membrane.scene.drivers import driver_unit
 from taichi_membrane.shapes import tube
 
 
@@ -100,7 +100,7 @@ def test_history_has_a_row_per_step_and_units_in_distinct_headers(tmp_path: Path
     with (tmp_path / "run" / "history.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.reader(file))
     assert rows[0] == [
-        "step", "stage", "stage_step", "load.pull [N]", "load.wind", "load.seam [N/mm]", "pressure.inside [MPa]",
+        "step", "stage", "stage_step", "pressure.inside [MPa]", "load.pull [N]", "load.wind", "load.seam [N/mm]",
         "volume [mm³]", "tip [mm]", "foot [N]", "girth [mm]", "probe.volume [mm³]", "peak [MPa PK2]", "wrinkled",
         "taut_count", "wrinkled_count", "slack_count", "iterations", "residual", "potential_energy [N·mm]", "solver",
         "converged", "reason", "cuts", "negative_pivots", "seconds",
@@ -114,9 +114,9 @@ def test_history_has_a_row_per_step_and_units_in_distinct_headers(tmp_path: Path
 
 
 def test_a_unit_vector_alone_gives_a_load_factor_its_unit() -> None:
-    assert output.load_unit(SCENE, "wind") == ""
+    assert driver_unit(SCENE, "load.wind") == ""
     unit = SCENE.loads["wind"].model_copy(update={"direction": (0.0, 0.6, 0.8)})
-    assert output.load_unit(SCENE.model_copy(update={"loads": {"wind": unit}}), "wind") == "N/mm²"
+    assert driver_unit(SCENE.model_copy(update={"loads": {"wind": unit}}), "load.wind") == "N/mm²"
 
 
 def test_summary_is_strict_json_with_what_a_reader_needs(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ from rich.text import Text
 
 from taichi_membrane.mesh import survey
 from taichi_membrane.scene import Fabric, Scene, Stage
-from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, stage_values
+from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import CheckResult, RunResult, StepResult
 
@@ -172,9 +173,10 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
     return [
         Column("step", [str(step.number) for step in steps]),
         Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
-        *(_numbers(name, scene.units.stress, [step.pressures[name] for step in steps]) for name in scene.pressures),
-        *(_numbers(name, load_unit(scene, name), [step.loads[name] for step in steps]) for name in scene.loads),
-        *(_numbers(name, motion_unit(scene, name), [step.motions[name] for step in steps]) for name in scene.motions),
+        *(
+            _numbers(name.partition(".")[2], driver_unit(scene, name), [step.drivers[name] for step in steps])
+            for name in driver_names(scene)
+        ),
         *(_numbers(name, probe_unit(scene, name), [step.probes[name] for step in steps]) for name in scene.probes),
         replace(_numbers("volume", scene.units.volume, [step.volume for step in steps]), rank=2),
         Column("wrinkled", [f"{count['wrinkled'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]),
@@ -255,9 +257,7 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
             ("support", f"{item.group}: {item.hold or f'normal {list(item.normal or ())}'} held")
             for item in scene.supports
         ),
-        *(("motion", f"{name}: {item.kind} of {item.group} in {item.hold}") for name, item in scene.motions.items()),
-        *(("pressure", f"{name}: {item.kind}, on {item.group}") for name, item in scene.pressures.items()),
-        *(("load", f"{name}: {item.kind} on {item.group}") for name, item in scene.loads.items()),
+        *((kind.name, f"{name}: {kind.words(item)}") for kind in DRIVERS for name, item in kind.defined(scene).items()),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         ("probes", ", ".join(scene.probes) or "none"),
         ("checks", str(len(scene.checks)) if scene.checks else "none"),
@@ -294,12 +294,10 @@ def _fabric_line(scene: Scene, fabric: Fabric) -> str:
 
 
 def _stage_line(scene: Scene, stage: Stage) -> str:
-    if isinstance(stage.pressure, dict):
-        aims = [f"pressure {name} to {value:g} {scene.units.stress}" for name, value in stage.pressure.items()]
-    else:
-        aims = [] if stage.pressure is None else [f"pressure to {stage.pressure:g} {scene.units.stress}"]
-    aims += [f"load {name} to {_with_unit(value, load_unit(scene, name))}" for name, value in stage.loads.items()]
-    aims += [f"motion {name} to {_with_unit(value, motion_unit(scene, name))}" for name, value in stage.motions.items()]
+    asked = stage_values(driver_names(scene), stage)
+    aims = [
+        f"{name.replace('.', ' ')} to {_with_unit(value, driver_unit(scene, name))}" for name, value in asked.items()
+    ]
     aims += ["by arc length"] if stage.control == "arc_length" else []
     aims += ["until collapse"] if stage.until == "collapse" else []
     aims += [f"valve shut: {', '.join(stage.closed)}"] if stage.closed else []

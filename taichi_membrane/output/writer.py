@@ -41,7 +41,8 @@ from taichi_membrane.output.reader import (
     summary_checksum,
 )
 from taichi_membrane.scene import Scene
-from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.scene.drivers import driver_names, driver_unit
+from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.results import RunResult, Settings, StepResult
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
@@ -219,9 +220,7 @@ def _columns(scene: Scene) -> list[Column]:
         ("step", lambda s: s.number),
         ("stage", lambda s: s.stage),
         ("stage_step", lambda s: s.stage_step),
-        *((_header(f"load.{n}", load_unit(scene, n)), _named("loads", n)) for n in scene.loads),
-        *((_header(f"motion.{n}", motion_unit(scene, n)), _named("motions", n)) for n in scene.motions),
-        *((_header(f"pressure.{n}", units.stress), _named("pressures", n)) for n in scene.pressures),
+        *((_header(name, driver_unit(scene, name)), _named("drivers", name)) for name in driver_names(scene)),
         (_header("volume", units.volume), lambda s: s.volume),
     ]
     last: list[Column] = [

@@ -12,7 +12,8 @@ from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve, Scene
-from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.scene.drivers import driver_unit, kind_named
+from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 
@@ -95,10 +96,13 @@ def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
 
 def _subtitle(scene: Scene, step: StepResult, count: int) -> str:
     parts = [f"{step.stage} {step.stage_step}/{count}"]
-    several = len(step.pressures) > 1
-    parts += [f"{name if several else 'p'} = {v:.4g} {scene.units.stress}" for name, v in step.pressures.items() if v]
-    parts += [f"{name} = {v:.4g}{_load_unit(scene, name)}" for name, v in step.loads.items() if v]
-    parts += [f"{name} = {v:.4g} {motion_unit(scene, name)}" for name, v in step.motions.items() if v]
+    alone = len(step.pressures) == 1
+    for driver, value in step.drivers.items():
+        kind, _, name = driver.partition(".")
+        if value:
+            parts.append(
+                f"{'p' if kind == 'pressure' and alone else name} = {value:.4g} {_unit(scene, driver)}".rstrip()
+            )
     if not step.converged:
         parts.append("NOT CONVERGED: last equilibrium")
     elif step.limit is not None:
@@ -106,9 +110,10 @@ def _subtitle(scene: Scene, step: StepResult, count: int) -> str:
     return ", ".join(parts)
 
 
-def _load_unit(scene: Scene, name: str) -> str:
-    unit = load_unit(scene, name)
-    return f" {unit}" if unit else " × direction"
+def _unit(scene: Scene, driver: str) -> str:
+    """Unit of a driver's value, or what the value multiplies."""
+    unit = driver_unit(scene, driver)
+    return "× direction" if not unit and kind_named(driver.partition(".")[0]).scales else unit
 
 
 def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[Floats, Floats, str], ...]:
@@ -127,29 +132,27 @@ def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[
 
 
 def curve_values(result: RunResult, quantity: str) -> Floats:
-    """A curve quantity at every converged step: a probe, ``volume``, ``pressure``, ``pressure.NAME`` or ``load.NAME``."""
+    """A curve quantity at every converged step: a probe, ``volume``, ``pressure`` (the first) or a driver such as ``load.tip``."""
     steps = [step for step in result.steps if step.converged]
-    kind, _, name = quantity.partition(".")
     if quantity in result.scene.probes:
         return np.array([step.probes[quantity] for step in steps])
     if quantity == "volume":
         return np.array([step.volume for step in steps])
-    if kind == "pressure":
-        return np.array([step.pressures[name or next(iter(step.pressures))] for step in steps])
-    return np.array([step.motions[name] if kind == "motion" else step.loads[name] for step in steps])
+    if quantity == "pressure":
+        return np.array([next(iter(step.pressures.values())) for step in steps])
+    return np.array([step.drivers[quantity] for step in steps])
 
 
 def _quantity_label(scene: Scene, quantity: str) -> str:
-    kind, _, name = quantity.partition(".")
     if quantity in scene.probes:
-        unit = probe_unit(scene, quantity)
-        return f"{quantity.replace('_', ' ')} [{unit}]" if unit else quantity.replace("_", " ")
-    if quantity == "volume":
-        return f"volume [{scene.units.volume}]"
-    if kind == "pressure":
-        return f"pressure{' ' + name if name else ''} [{scene.units.stress}]"
-    unit = motion_unit(scene, name) if kind == "motion" else _load_unit(scene, name).strip()
-    return f"{kind} {name} [{unit}]"
+        words, unit = quantity.replace("_", " "), probe_unit(scene, quantity)
+    elif quantity == "volume":
+        words, unit = quantity, scene.units.volume
+    elif quantity == "pressure":
+        words, unit = quantity, scene.units.stress
+    else:
+        words, unit = quantity.replace(".", " "), _unit(scene, quantity)
+    return f"{words} [{unit}]" if unit else words
 
 
 def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from taichi_membrane import fields
 from taichi_membrane.names import SideStrain, WrinklingLaw
+from taichi_membrane.scene import drivers
 from taichi_membrane.scene.base import (
     MOST,
     AllowedNames,
@@ -445,12 +446,9 @@ class Scene(Record):
             self._check_closed(stage)
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
                 raise ValueError(f"stages.{stage.name}.control = 'arc_length' needs solver.kind 'hybrid' or 'newton'")
-            for load in stage.loads:
-                _known(load, self.loads, f"stages.{stage.name}.loads", "a load")
-            for motion in stage.motions:
-                _known(motion, self.motions, f"stages.{stage.name}.motions", "a motion")
-            for pressure in stage.pressure if isinstance(stage.pressure, dict) else ():
-                _known(pressure, self.pressures, f"stages.{stage.name}.pressure", "a pressure")
+            for kind in drivers.DRIVERS:
+                for name in kind.asked(stage, ()):
+                    _known(name, kind.defined(self), f"stages.{stage.name}.{kind.key}", f"a {kind.name}")
             if isinstance(stage.pressure, float) and len(self.pressures) != 1:
                 raise ValueError(
                     f"stages.{stage.name}.pressure is one number, but there are {len(self.pressures)} pressures "
@@ -478,21 +476,14 @@ class Scene(Record):
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
             raise ValueError("modes and derivatives need the tangent of solver.kind 'hybrid' or 'newton'")
         if self.curve is not None:
-            allowed = [*self.probes, "volume", "pressure", *(f"pressure.{p}" for p in self.pressures)]
-            allowed += [f"load.{name}" for name in self.loads] + [f"motion.{name}" for name in self.motions]
+            allowed = [*self.probes, "volume", "pressure", *drivers.driver_names(self)]
             _known(self.curve.x, allowed, "curve.x", "a quantity")
             _known(self.curve.y, allowed, "curve.y", "a quantity")
             if self.curve.stage is not None:
                 _known(self.curve.stage, names, "curve.stage", "a stage")
         for name, probe in self.probes.items():
             if isinstance(probe, FactorProbe):
-                factors = [f"load.{one}" for one in self.loads] + [f"motion.{one}" for one in self.motions]
-                _known(
-                    probe.of,
-                    [*factors, *(f"pressure.{one}" for one in self.pressures)],
-                    f"probes.{name}.of",
-                    "a factor",
-                )
+                _known(probe.of, drivers.driver_names(self), f"probes.{name}.of", "a factor")
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self

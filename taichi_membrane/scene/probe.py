@@ -107,7 +107,7 @@ class FactorProbe(Record):
 
     kind: Literal["factor"]
     """Value of a driver."""
-    of: Annotated[str, Field(pattern=r"^(load|motion|pressure)\.\w+$")]
+    of: Annotated[str, Field(pattern=r"^\w+\.\w+$")]
     """``load.NAME``, ``motion.NAME`` or ``pressure.NAME``."""
 
 

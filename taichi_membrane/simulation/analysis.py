@@ -76,7 +76,7 @@ class Analysis:
                 if result.limit is not None and stage.until == "target":
                     self.outcome = "collapse"
                     return
-                state = LoadState(result.pressures, result.loads, result.motions)
+                state = LoadState(result.drivers)
         self.outcome = "finished"
 
     def _load_stage(
@@ -206,13 +206,8 @@ def _walked(point: PathPoint | None, *, converged: bool = True, reason: str = "r
 
 def _bracket(lower: LoadState, upper: LoadState) -> dict[str, tuple[float, float]]:
     """Bounds of each value that changes between two states."""
-    named = {"pressure": (lower.pressures, upper.pressures), "load": (lower.loads, upper.loads)}
-    return {
-        f"{kind}.{name}": (low[name], high[name])
-        for kind, (low, high) in named.items()
-        for name in low
-        if low[name] != high[name]
-    }
+    pairs = {name: (low, upper.values[name]) for name, low in lower.values.items()}
+    return {name: (low, high) for name, (low, high) in pairs.items() if low != high}
 
 
 def _collapse(limit: dict[str, tuple[float, float]]) -> str:

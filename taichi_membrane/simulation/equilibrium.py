@@ -109,12 +109,12 @@ class Equilibrium:
     def apply(self, state: LoadState) -> None:
         """Set pressures, loads and prescribed displacements."""
         if self.model.motions:
-            self.membrane.set_displacement(self.model.moved(self.membrane.displacement(), state.motions))
+            self.membrane.set_displacement(self.model.moved(self.membrane.displacement(), state))
         self._press(state)
 
     def _press(self, state: LoadState) -> None:
-        self.membrane.set_pressures(self.model.chamber_pressures(state.pressures))
-        self.membrane.set_loads(self.model.nodal_loads(state.pressures, state.loads))
+        self.membrane.set_pressures(self.model.chamber_pressures(state))
+        self.membrane.set_loads(self.model.nodal_loads(state))
         if self.gas is not None:
             self.gas.settle()
 
@@ -140,13 +140,13 @@ class Equilibrium:
         if self.newton is not None:
             self.newton.fill(self.gas)
 
-    def pressures(self, state: LoadState) -> dict[str, float]:
-        """The pressures of a load state; those of shut chambers as they now are."""
+    def settled(self, state: LoadState) -> LoadState:
+        """A load state with the pressures of shut chambers as they now are."""
         if self.gas is None:
-            return state.pressures
+            return state
         now = self.membrane.pressures()
-        shut = {self.model.pressure_names[one.number]: float(now[one.number]) for one in self.gas.chambers}
-        return {**state.pressures, **shut}
+        names = {f"pressure.{self.model.pressure_names[one.number]}": one.number for one in self.gas.chambers}
+        return LoadState({**state.values, **{name: float(now[number]) for name, number in names.items()}})
 
     def step(self, before: LoadState, after: LoadState, report: Report) -> Reached:
         """Go from an equilibrium at ``before`` to one at ``after``, or as far as there is a stable one.
@@ -225,7 +225,7 @@ class Equilibrium:
         return newton.solve(
             tolerance=self.tolerance,
             reference=reference,
-            loads=self.model.nodal_loads(state.pressures, state.loads),
+            loads=self.model.nodal_loads(state),
             max_iterations=limit,
             report=report,
         )
@@ -311,12 +311,12 @@ class Equilibrium:
         applied = self._applied(state)
         if applied > 0.0:
             return applied
-        full = max(self.model.reference_load(one.pressures, one.loads) for one in stage_targets(self.model.scene))
+        full = max(self.model.reference_load(one) for one in stage_targets(self.model.scene))
         return full or float(np.linalg.norm(self.membrane.out_of_balance())) or 1.0
 
     def _applied(self, state: LoadState) -> float:
         """Size of the applied loads and of prestress; 0 where there are none."""
-        return float(np.hypot(self.model.reference_load(state.pressures, state.loads), self.membrane.prestress_norm()))
+        return float(np.hypot(self.model.reference_load(state), self.membrane.prestress_norm()))
 
 
 def _walked(end: PathEnd) -> SolveRecord:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -60,12 +60,12 @@ class Measure:
         """
         state = course.at(share)
         self.equilibrium.apply(state)
-        state = replace(state, pressures=self.equilibrium.pressures(state))
+        state = self.equilibrium.settled(state)
         displacement = self.membrane.displacement()
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
         self.membrane.set_displacement(displacement)
-        dead = self.model.nodal_loads(state.pressures, state.loads)
+        dead = self.model.nodal_loads(state)
         local = self.membrane.in_frames(-self.membrane.out_of_balance())
         reaction = self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0))
         present = Present(
@@ -84,9 +84,7 @@ class Measure:
             number=number,
             stage=stage.name,
             stage_step=k,
-            pressures=state.pressures,
-            loads=state.loads,
-            motions=state.motions,
+            drivers=state.values,
             fields=values,
             probes=probes.evaluate(self.model, values, volume, state),
             volume=volume,
@@ -108,7 +106,7 @@ class Measure:
     def again(self, step: StepResult) -> None:
         """Bring the membrane back to the state that a step left it in."""
         self.membrane.set_displacement(step.displacement)
-        self.equilibrium.apply(LoadState(step.pressures, step.loads, step.motions))
+        self.equilibrium.apply(LoadState(step.drivers))
         if step.converged:
             # Handed on to the next step; a new one of a barely definite matrix may be refused.
             self._tangent(step.stage)

@@ -39,8 +39,7 @@ def evaluate(model: Model, fields: FieldValues, volume: float, state: LoadState)
         if isinstance(probe, scenes.VolumeProbe):
             values[name] = volume
         elif isinstance(probe, scenes.FactorProbe):
-            kind, _, factor = probe.of.partition(".")
-            values[name] = getattr(state, f"{kind}s")[factor]
+            values[name] = state.values[probe.of]
         elif isinstance(probe, scenes.DisplacementProbe):
             mean = displacement[group_nodes(mesh, probe.group, key)].mean(axis=0)
             values[name] = (

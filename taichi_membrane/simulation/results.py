@@ -14,6 +14,7 @@ from taichi_membrane import fields
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, Outcome, Precision
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.load_state import of_kind
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +62,8 @@ class StepResult:
     """One load step.
 
     :param number: 0, 1, … over the whole run; ``stage_step`` counts 1, 2, … within ``stage``.
-    :param pressures: each pressure's value; ``loads`` and ``motions`` each one's factor.
+    :param drivers: value of each pressure, factor of each load and motion, by names such as ``load.tip``; ``pressures``, ``loads``
+        and ``motions`` are those of one kind by their bare names.
     :param fields: the values of every field of :data:`taichi_membrane.fields.FIELDS` by name; see there for shapes and units.
     :param volume: enclosed volume of a closed body, else the volume swept since rest.
     :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy.
@@ -77,9 +79,7 @@ class StepResult:
     number: int
     stage: str
     stage_step: int
-    pressures: dict[str, float]
-    loads: dict[str, float]
-    motions: dict[str, float]
+    drivers: Mapping[str, float]
     fields: FieldValues
     probes: dict[str, float]
     volume: float
@@ -95,6 +95,21 @@ class StepResult:
     derivatives: dict[str, dict[str, float]]
     modes: ModeResult | None
     seconds: float
+
+    @property
+    def pressures(self) -> dict[str, float]:
+        """Value of each pressure."""
+        return of_kind(self.drivers, "pressure")
+
+    @property
+    def loads(self) -> dict[str, float]:
+        """Factor of each load."""
+        return of_kind(self.drivers, "load")
+
+    @property
+    def motions(self) -> dict[str, float]:
+        """Factor of each motion."""
+        return of_kind(self.drivers, "motion")
 
     @property
     def displacement(self) -> Floats:
