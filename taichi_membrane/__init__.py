@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from taichi_membrane.mesh import Mesh, read_mesh
     from taichi_membrane.scene import Scene
     from taichi_membrane.scene.file import load_scene
-    from taichi_membrane.simulation.results import RunResult
+    from taichi_membrane.simulation.results import RunResult, StepResult
 
 # Where each public name lives; looked up on first use, so that the command line starts before NumPy and SciPy are needed.
 _HOME = {
@@ -23,13 +23,14 @@ _HOME = {
     "Mesh": "mesh",
     "RunResult": "simulation.results",
     "Scene": "scene",
+    "StepResult": "simulation.results",
     "load_scene": "scene.file",
     "read_mesh": "mesh",
     "resume": "execution.run",
     "run": "execution.run",
 }
 
-__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "read_mesh", "resume", "run"]
+__all__ = ["InputError", "Mesh", "RunResult", "Scene", "StepResult", "load_scene", "read_mesh", "resume", "run"]
 
 
 def __getattr__(name: str) -> Any:

@@ -15,13 +15,13 @@ from run_files import a_run, a_step, same
 import taichi_membrane as tm
 from taichi_membrane import fields
 from taichi_membrane.fields import Field
+from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.model import build_mesh, build_model
 from taichi_membrane.simulation.present import Present
-from taichi_membrane.solvers.record import ElementState
 
 E, NU, THICKNESS, WIDTH, HEIGHT = 1e3, 0.3, 0.5, 3.0, 2.0
 

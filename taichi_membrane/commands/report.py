@@ -177,7 +177,12 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
             _numbers(name.partition(".")[2], driver_unit(scene, name), [step.drivers[name] for step in steps])
             for name in driver_names(scene)
         ),
-        *(_numbers(name, probe_unit(scene, name), [step.probes[name] for step in steps]) for name in scene.probes),
+        *(
+            _numbers(
+                name, probe_unit(scene, name) if name in scene.probes else "", [step.probes[name] for step in steps]
+            )
+            for name in (steps[0].probes if steps else scene.probes)
+        ),
         replace(_numbers("volume", scene.units.volume, [step.volume for step in steps]), rank=2),
         Column("wrinkled", [f"{count['wrinkled'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]),
         Column("slack", slack, rank=_rank(slack)),

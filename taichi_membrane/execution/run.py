@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from importlib import metadata
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from taichi_membrane.output.reader import SavedRun
     from taichi_membrane.output.writer import Writer
     from taichi_membrane.simulation.model import Model
-    from taichi_membrane.simulation.results import RunResult, Settings
+    from taichi_membrane.simulation.results import ProbeFunction, RunResult, Settings
     from taichi_membrane.simulation.solver_choice import SolverChoice
 
 
@@ -38,6 +39,7 @@ def run(
     threads: int | None = None,
     render: bool = True,
     repair: bool = False,
+    probes: Mapping[str, ProbeFunction] | None = None,
     observer: Observer | None = None,
 ) -> RunResult:
     """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
@@ -50,6 +52,8 @@ def run(
     :param base: folder that a relative mesh path starts from; when None that of the scene's file, else the current one.
     :param render: draw pictures and the curve (only with ``out``).
     :param repair: mend a mesh file where that is safe; ``RunResult.mesh.mended`` says what was done.
+    :param probes: what to measure at every load step beside the scene's probes, by name: functions of the mesh and the
+        :class:`StepResult`, which has everything else, that give a number.
     :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk; another
         run that writes in ``out``; a call from within another run. A step that does not converge raises nothing: it ends the run,
         and ``RunResult.converged`` says so.
@@ -69,14 +73,20 @@ def run(
     def work() -> RunResult:
         with clock.phase("setup", "reading the mesh"):
             found = build_mesh(scene, base, repair=repair) if given is None else with_scene_groups(scene, given)
-            model = build_model(scene, found)
+            model = build_model(scene, found, probes)
         return _carry_out(model, settings, clock, out=out)
 
     with _sole_writer(out):
         return in_turn(work, clock.stop)
 
 
-def resume(directory: Path, *, render: bool | None = None, observer: Observer | None = None) -> RunResult:
+def resume(
+    directory: Path,
+    *,
+    render: bool | None = None,
+    probes: Mapping[str, ProbeFunction] | None = None,
+    observer: Observer | None = None,
+) -> RunResult:
     """Go on with a run that was stopped, from its last whole load step; scene, mesh and settings are those in its folder.
 
     All numbers and files become what they would be had the run not been stopped, to the last bit, apart from times. Of a run that
@@ -84,6 +94,7 @@ def resume(directory: Path, *, render: bool | None = None, observer: Observer | 
 
     :param directory: the folder of the run.
     :param render: draw pictures and the curve at the end, as in :func:`run`; as the run was asked to when None.
+    :param probes: the functions that the run was begun with, if any.
     :raises InputError: the folder is not a run of this program, or is damaged; it was begun with other versions or on another back
         end; a file cannot be written; another process writes there.
     """
@@ -95,7 +106,9 @@ def resume(directory: Path, *, render: bool | None = None, observer: Observer | 
     def work() -> RunResult:
         with clock.phase("setup", "reading the run"):
             saved = _without_open_path(read_run(Path(directory)))
-            model = build_model(saved.scene, saved.mesh)
+            if not saved.complete:
+                _refuse_other_probes(saved, probes or {})
+            model = build_model(saved.scene, saved.mesh, probes)
         clock.observer.kept(saved.steps)
         if saved.complete:
             return _ended(saved)
@@ -141,6 +154,7 @@ def _carry_out(
     from taichi_membrane.simulation.results import RunResult
 
     probes.validate(model)
+    probes.validate_own(model)
     with clock.phase("setup"):
         solver = chosen_solver(model)
         model.structure.prepare(matrix=solver.kind != "relaxation")
@@ -191,7 +205,21 @@ def _writer(
         provenance=provenance,
         tri_fabric=structure.tri_fabric.astype(np.int32),
         saved=saved,
+        own_probes=model.own_probes,
     )
+
+
+def _refuse_other_probes(saved: SavedRun, given: Mapping[str, ProbeFunction]) -> None:
+    """Refuse to go on without the functions that the run measured with: files do not hold them.
+
+    :raises InputError: other names than those that the run was begun with.
+    """
+    if set(given) != set(saved.own_probes):
+        begun, now = (", ".join(sorted(names)) or "none" for names in (saved.own_probes, given))
+        raise InputError(
+            f"{saved.directory}: this run was begun in Python with probes of its own: {begun}; given are: {now}; "
+            "go on with resume(..., probes={...}) and the same functions"
+        )
 
 
 def _without_open_path(saved: SavedRun) -> SavedRun:

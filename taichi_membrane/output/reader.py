@@ -43,6 +43,7 @@ class SavedRun:
     :param steps: whole load steps; ``records`` is what the summary has of each.
     :param seconds: time spent in each phase so far.
     :param complete: all is done, the last summary included; nothing is left to do. ``outcome`` then tells how it ended.
+    :param own_probes: names of its probes beside the scene's.
     :param mesh_checksum: SHA-256 of mesh.vtu.
     :param files: what the run wrote, in order.
     """
@@ -52,6 +53,7 @@ class SavedRun:
     mesh: Mesh
     steps: tuple[StepResult, ...]
     settings: Settings
+    own_probes: tuple[str, ...]
     provenance: dict[str, Any]
     seconds: dict[str, float]
     complete: bool
@@ -78,6 +80,7 @@ def read_run(directory: Path) -> SavedRun:
             mesh=mesh,
             steps=tuple(_step(directory, mesh, record) for record in records),
             settings=_settings(**summary["settings"]),
+            own_probes=tuple(map(str, summary["own_probes"])),
             provenance=dict(summary["provenance"]),
             seconds=_numbers(summary["seconds"]),
             complete=bool(summary["complete"]),

@@ -13,7 +13,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -65,6 +65,7 @@ class Writer:
     :param settings: what was asked for, and ``provenance`` what really ran; both go into the summary.
     :param tri_fabric: (tri_count,) fabric number of each element.
     :param saved: the run in ``directory`` to go on with.
+    :param own_probes: names of probes beside the scene's.
     :raises InputError: the folder cannot be made or written, or holds files but no run of this program.
     """
 
@@ -78,11 +79,13 @@ class Writer:
         provenance: Mapping[str, Any],
         tri_fabric: NDArray[np.int32],
         saved: SavedRun | None = None,
+        own_probes: Collection[str] = (),
     ) -> None:
         self.directory = directory
         self._scene, self._mesh, self._tri_fabric = scene, mesh, tri_fabric
         self._settings, self._provenance = settings, dict(provenance)
-        self._columns = _columns(scene)
+        self._own_probes = tuple(own_probes)
+        self._columns = _columns(scene, self._own_probes)
         self._rows: list[list[object]] = []
         self._records: list[dict[str, Any]] = []
         self._noted: list[Path] = []
@@ -203,6 +206,7 @@ class Writer:
             "files": [path.name for path in self._files()],
             "fields": _field_notes(self._scene),
             "probes": {name: probe_unit(self._scene, name) for name in self._scene.probes},
+            "own_probes": self._own_probes,
             "steps": self._records,
             "scene": self._scene.model_dump(mode="json"),
         }
@@ -213,7 +217,7 @@ class Writer:
         return path
 
 
-def _columns(scene: Scene) -> list[Column]:
+def _columns(scene: Scene, own_probes: Collection[str]) -> list[Column]:
     """Headers of the history and where their values come from; units in brackets."""
     units = scene.units
     first: list[Column] = [
@@ -238,8 +242,10 @@ def _columns(scene: Scene) -> list[Column]:
         ("seconds", lambda s: s.seconds),
     ]
     taken = {header.partition(" ")[0] for header, _ in [*first, *last]}
+    named = {**{name: probe_unit(scene, name) for name in scene.probes}, **dict.fromkeys(own_probes, "")}
     probes: list[Column] = [
-        (_header(f"probe.{n}" if n in taken else n, probe_unit(scene, n)), _named("probes", n)) for n in scene.probes
+        (_header(f"probe.{name}" if name in taken else name, unit), _named("probes", name))
+        for name, unit in named.items()
     ]
     return [*first, *probes, *last]
 

@@ -80,7 +80,7 @@ class Measure:
         if energy is not None and self.equilibrium.gas is not None:
             energy += self.equilibrium.gas.energy()
         at_rest = self._at_rest(stage, course, share) if record.converged else AtRest()
-        return StepResult(
+        step = StepResult(
             number=number,
             stage=stage.name,
             stage_step=k,
@@ -102,6 +102,7 @@ class Measure:
             modes=at_rest.modes,
             seconds=time.perf_counter() - started,
         )
+        return probes.with_own(self.model, step)
 
     def again(self, step: StepResult) -> None:
         """Bring the membrane back to the state that a step left it in."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from taichi_membrane.mesh.topology import edge_table
 from taichi_membrane.scene import Fabric, Load, Pressure, Rotation, Scene, Translation
 from taichi_membrane.scene.drivers import kind_named
 from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.results import ProbeFunction
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
 # for every load step (its fields); besides, the record of a step.
@@ -66,6 +67,7 @@ class Model:
     :param pressure_names: name of each follower pressure, in the order of the structure's chamber numbers.
     :param unit_forces: (n, 3) dead nodal forces at value 1 of each driver that has some, by names such as ``load.tip``.
     :param motions: prescribed motions of node groups.
+    :param own_probes: what is measured at every load step beside the scene's probes, by name.
     """
 
     scene: Scene
@@ -73,6 +75,7 @@ class Model:
     pressure_names: tuple[str, ...]
     unit_forces: Mapping[str, Floats]
     motions: Mapping[str, PrescribedMotion]
+    own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
 
     def fabric_names(self) -> list[tuple[str, Fabric]]:
         """The scene's fabrics with the element group of each, in the order of the structure's fabric numbers."""
@@ -144,9 +147,10 @@ def with_scene_groups(scene: Scene, mesh: Mesh) -> Mesh:
     return meshes.with_groups(mesh, chosen["nodes"], chosen["elements"])
 
 
-def build_model(scene: Scene, mesh: Mesh) -> Model:
+def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction] | None = None) -> Model:
     """Fabrics, supports and loads of a scene on its mesh.
 
+    :param own_probes: what to measure beside the scene's probes.
     :raises InputError: unknown groups, elements without a fabric, no warp direction, supports that leave a rigid motion.
     """
     _check_memory(scene, mesh)
@@ -174,6 +178,7 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
         pressure_names=pressure_names,
         unit_forces=unit_forces,
         motions=motions,
+        own_probes=dict(own_probes or {}),
     )
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane import fields
+from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
-from taichi_membrane.solvers.record import ElementState
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from taichi_membrane import scene as scenes
+from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
+from taichi_membrane.scene.base import Name
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import Model, group_nodes, group_triangles
 from taichi_membrane.simulation.results import CheckResult, FieldValues, StepResult
+
+_NAME = TypeAdapter[str](Name)
 
 
 def validate(model: Model) -> None:
@@ -27,6 +33,39 @@ def validate(model: Model) -> None:
             group_triangles(mesh, probe.group, key)
         elif not isinstance(probe, scenes.VolumeProbe | scenes.FactorProbe):
             group_nodes(mesh, probe.group, key)
+
+
+def validate_own(model: Model) -> None:
+    """Refuse probes of one's own that cannot stand beside the scene's.
+
+    :raises InputError: a name that is taken or that no scene would allow; what cannot be called.
+    """
+    for name, function in model.own_probes.items():
+        if name in model.scene.probes:
+            raise InputError(f"probes: {name!r} is a probe of the scene already; give another name")
+        try:
+            _NAME.validate_python(name)
+        except ValidationError:
+            raise InputError(f"probes: {name!r} is no name: a letter, then letters, digits and _, at most 60") from None
+        if not callable(function):
+            raise InputError(f"probes: {name!r} is {function!r}; give a function of the mesh and the load step")
+
+
+def with_own(model: Model, step: StepResult) -> StepResult:
+    """The load step with the values of the probes of one's own.
+
+    :raises InputError: one of them gives no number.
+    """
+    values = dict(step.probes)
+    for name, function in model.own_probes.items():
+        value = function(model.structure.mesh, step)
+        try:
+            values[name] = float(value)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"probes: {name!r} gave {value!r} at {step.stage} {step.stage_step}; a number is needed"
+            ) from None
+    return replace(step, probes=values)
 
 
 def evaluate(model: Model, fields: FieldValues, volume: float, state: LoadState) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -125,6 +125,10 @@ class StepResult:
     def elements(self) -> ElementFields:
         """What each triangle does."""
         return ElementFields({one.name: self.fields[one.name] for one in fields.FIELDS if one.place == "element"})
+
+
+# A probe of one's own: from the mesh and the load step, all else measured, a number.
+ProbeFunction = Callable[[Mesh, StepResult], float]
 
 
 @dataclass(frozen=True, kw_only=True)
