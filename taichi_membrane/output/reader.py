@@ -28,6 +28,7 @@ from taichi_membrane.mesh.check import frozen
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
+from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 4
@@ -236,6 +237,8 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         modes=None if record["modes"] is None else _modes(record["modes"], shape_of_mode),
         limit=None if record["limit"] is None else {key: (low, high) for key, (low, high) in record["limit"].items()},
         seconds=_number(record["seconds"]),
+        trace=tuple(Passage(event=event, share=float(share)) for event, share in record["trace"]),
+        stiffest=float(record["stiffest"]),
     )
 
 

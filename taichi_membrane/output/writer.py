@@ -43,6 +43,7 @@ from taichi_membrane.output.reader import (
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
+from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import RunResult, Settings, StepResult
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
@@ -200,6 +201,8 @@ class Writer:
                 "tri_count": mesh.tri_count,
                 "closed": mesh.is_closed,
                 "area": float(mesh.tri_areas().sum()),
+                "mended": list(mesh.mended),
+                "notes": list(mesh.notes),
                 "node_groups": {name: len(members) for name, members in mesh.node_groups.items()},
                 "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
             },
@@ -239,6 +242,7 @@ def _columns(scene: Scene, own_probes: Collection[str]) -> list[Column]:
         ("reason", lambda s: s.reason),
         ("cuts", lambda s: s.cuts),
         ("negative_pivots", lambda s: s.negative_pivots),
+        ("trace", lambda s: told(s.trace)),
         ("seconds", lambda s: s.seconds),
     ]
     taken = {header.partition(" ")[0] for header, _ in [*first, *last]}
@@ -260,9 +264,17 @@ def _header(name: str, unit: str) -> str:
 
 def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
     """A load step in the summary: all but its arrays."""
-    scalars = {key: value for key, value in vars(step).items() if key not in ("fields", "modes")}
+    scalars = {key: value for key, value in vars(step).items() if key not in ("fields", "modes", "trace")}
     modes = None if step.modes is None else {"kind": step.modes.kind, "values": step.modes.values}
-    return {**scalars, "modes": modes, "element_states": step.elements.count(), "file": file, "sha256": checksum}
+    trace = [[one.event, one.share] for one in step.trace]
+    return {
+        **scalars,
+        "trace": trace,
+        "modes": modes,
+        "element_states": step.elements.count(),
+        "file": file,
+        "sha256": checksum,
+    }
 
 
 def _field_notes(scene: Scene) -> dict[str, dict[str, Any]]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.scene import Scene, Stage
 from taichi_membrane.scene.drivers import driver_names, stage_values
 
@@ -48,6 +51,10 @@ class LoadState:
             return other
         return LoadState({name: was + fraction * (other.values[name] - was) for name, was in self.values.items()})
 
+    def change(self, other: LoadState) -> Floats:
+        """The change of all values to another state, in a fixed order."""
+        return np.array([other.values[name] - was for name, was in self.values.items()])
+
 
 @dataclass(frozen=True)
 class Course:
@@ -59,6 +66,10 @@ class Course:
     def at(self, share: float) -> LoadState:
         """The state at a share of the way."""
         return self.start.toward(self.target, share)
+
+    def changing(self) -> list[str]:
+        """The drivers whose value changes along it."""
+        return [name for name, value in self.start.values.items() if value != self.target.values[name]]
 
 
 def unloaded(scene: Scene) -> LoadState:

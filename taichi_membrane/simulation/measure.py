@@ -15,6 +15,7 @@ from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import Course, LoadState
 from taichi_membrane.simulation.present import Present
 from taichi_membrane.simulation.results import ModeResult, StepResult
+from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.newton import AnyFactor
 from taichi_membrane.solvers.record import SolveRecord
 
@@ -135,7 +136,7 @@ class Measure:
         if asked is not None and asked.kind == "vibration":
             shapes = modes.vibration(newton, factor, self._mass, asked)
         elif asked is not None and course.start != course.target:
-            path = self.equilibrium.path(newton, course.start, course.target)
+            path = self.equilibrium.path(Way(newton, course.start, course.target, self.equilibrium.press))
             shapes = modes.buckling(path, displacement, share, factor, asked)
         return AtRest(factor.negative, found, shapes)
 

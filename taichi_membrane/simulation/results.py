@@ -15,6 +15,7 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, Outcome, Precision
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.load_state import of_kind
+from taichi_membrane.simulation.policy import Trace
 
 Floats = NDArray[np.float64]
 
@@ -73,6 +74,9 @@ class StepResult:
         used.
     :param limit: where the step met collapse, bounds of each pressure and load (``load.tip``) at the largest stable load; the
         step's own state is the equilibrium at the lower one.
+    :param trace: what the step went through, each passage at a share of the stage's course.
+    :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.load_step.Stiffest`; the next step
+        needs it.
     :param derivatives: of each probe asked for, with respect to ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``.
     """
 
@@ -95,6 +99,13 @@ class StepResult:
     derivatives: dict[str, dict[str, float]]
     modes: ModeResult | None
     seconds: float
+    trace: Trace = ()
+    stiffest: float = 0.0
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether the equilibrium is stable; None where nothing is known of it."""
+        return None if self.negative_pivots is None else self.negative_pivots == 0
 
     @property
     def pressures(self) -> dict[str, float]:
