@@ -24,6 +24,7 @@ from taichi_membrane.simulation.results import (
     Settings,
     StepResult,
 )
+from taichi_membrane.simulation.state import PathState, State
 
 SCENE = Scene.model_validate(
     {
@@ -63,6 +64,7 @@ def a_mesh() -> Mesh:
 MESH = a_mesh()
 SETTINGS = Settings(precision="f32", threads=2, render=False)
 PROVENANCE = {"arch": "x64", "threads": 2}
+DRIVERS = {"pressure.inside": 0.0, "load.pull": 1.0 / 3.0, "load.wind": 0.0, "load.seam": -2e-300}
 FABRIC = np.arange(MESH.tri_count, dtype=np.int32) % 2
 
 
@@ -77,7 +79,7 @@ def a_step(number: int, **changes: Any) -> StepResult:
         number=number,
         stage="load",
         stage_step=number + 1,
-        drivers={"pressure.inside": 0.1 * number, "load.pull": 1.0 / 3.0, "load.wind": 0.0, "load.seam": -2e-300},
+        drivers=DRIVERS | {"pressure.inside": 0.1 * number},
         fields=values,
         probes=dict(zip(SCENE.probes, map(float, rng.normal(size=6)), strict=True)),
         volume=1.5,
@@ -92,6 +94,21 @@ def a_step(number: int, **changes: Any) -> StepResult:
         limit={"load.pull": (1.0 / 3.0, 0.5)} if number else None,
         derivatives={"tip": {"load.pull": 1.0 / 3.0}} if number else {},
         modes=modes if number else None,
+        state=State(
+            displacement=values["displacement"],
+            drivers=DRIVERS | {"pressure.inside": 0.1 * number},
+            stiffest=1.0 / 3.0,
+            shut={"inside": (1.0 / 7.0, 0.1)} if number else {},
+            path=PathState(
+                factor=1.0 / 3.0,
+                tangent=rng.normal(size=(MESH.node_count, 3)),
+                advance=rng.normal(size=(MESH.node_count, 3)),
+                negative=1,
+                length=2.0 / 7.0,
+            )
+            if number
+            else None,
+        ),
         seconds=0.25,
     )
     return replace(step, **changes)
@@ -142,7 +159,7 @@ def different(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
 
 def same(a: Any, b: Any) -> bool:
     """Equal to the last bit, arrays, records and NaN included."""
-    if isinstance(a, StepResult | ModeResult):
+    if isinstance(a, StepResult | ModeResult | State | PathState):
         return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)

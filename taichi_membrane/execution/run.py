@@ -105,7 +105,7 @@ def resume(
 
     def work() -> RunResult:
         with clock.phase("setup", "reading the run"):
-            saved = _without_open_path(read_run(Path(directory)))
+            saved = read_run(Path(directory))
             if not saved.complete:
                 _refuse_other_probes(saved, probes or {})
             model = build_model(saved.scene, saved.mesh, probes)
@@ -220,19 +220,6 @@ def _refuse_other_probes(saved: SavedRun, given: Mapping[str, ProbeFunction]) ->
             f"{saved.directory}: this run was begun in Python with probes of its own: {begun}; given are: {now}; "
             "go on with resume(..., probes={...}) and the same functions"
         )
-
-
-def _without_open_path(saved: SavedRun) -> SavedRun:
-    """The run without the steps of the stage that it was in, where that can only be followed from its start: by arc length, or with
-    a chamber shut.
-
-    How far along the path the next step goes, and what gas was shut in, is not in the steps' files.
-    """
-    open_stages = [stage.name for stage in saved.scene.stages if stage.control == "arc_length" or stage.closed]
-    if saved.complete or not saved.steps or saved.steps[-1].stage not in open_stages:
-        return saved
-    count = sum(step.stage != saved.steps[-1].stage for step in saved.steps)
-    return replace(saved, steps=saved.steps[:count], records=saved.records[:count])
 
 
 def _ended(saved: SavedRun) -> RunResult:

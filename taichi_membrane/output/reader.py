@@ -30,10 +30,13 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
+from taichi_membrane.simulation.state import PathState, State
 
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 4
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
+PATH = "path_"  # begins the names of what a stage by arc length goes on from
+PATH_ARRAYS = ("path_tangent", "path_advance")
 MODE = "mode_"  # begins the name of a mode shape in a step's file
 
 
@@ -208,7 +211,7 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
     content = _read_vtu(path, record["sha256"])
     cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
 
-    def shape_of_mode(name: str) -> Floats:
+    def per_node(name: str) -> Floats:
         return _array(path, content.point_data, name, (mesh.node_count, 3))
 
     fields: dict[str, NDArray[Any]] = {}
@@ -234,11 +237,11 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         cuts=int(record["cuts"]),
         negative_pivots=None if record["negative_pivots"] is None else int(record["negative_pivots"]),
         derivatives={name: _numbers(values) for name, values in record["derivatives"].items()},
-        modes=None if record["modes"] is None else _modes(record["modes"], shape_of_mode),
+        modes=None if record["modes"] is None else _modes(record["modes"], per_node),
         limit=None if record["limit"] is None else {key: (low, high) for key, (low, high) in record["limit"].items()},
         seconds=_number(record["seconds"]),
         trace=tuple(Passage(event=event, share=float(share)) for event, share in record["trace"]),
-        stiffest=float(record["stiffest"]),
+        state=_state(record, fields["displacement"], per_node),
     )
 
 
@@ -247,6 +250,26 @@ def _modes(record: dict[str, Any], shape: Callable[[str], Floats]) -> ModeResult
     shapes = [shape(f"{MODE}{number}") for number in range(1, len(record["values"]) + 1)]
     values = tuple(map(_number, record["values"]))
     return ModeResult(kind=record["kind"], values=values, shapes=np.stack(shapes) if shapes else np.zeros((0, 0, 3)))
+
+
+def _state(record: dict[str, Any], displacement: Floats, per_node: Callable[[str], Floats]) -> State:
+    """What a load step hands on."""
+    given = record["state"]
+    path = None
+    if given["path"] is not None:
+        tangent, advance = map(per_node, PATH_ARRAYS)
+        scalars = given["path"]
+        path = PathState(
+            factor=float(scalars["factor"]), tangent=tangent, advance=advance, negative=int(scalars["negative"]),
+            length=float(scalars["length"]),
+        )  # fmt: skip
+    return State(
+        displacement=displacement,
+        drivers=_numbers(record["drivers"]),
+        stiffest=float(given["stiffest"]),
+        shut={name: (float(volume), float(pressure)) for name, (volume, pressure) in given["shut"].items()},
+        path=path,
+    )
 
 
 def _number(value: Any) -> float:

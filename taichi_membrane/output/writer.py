@@ -34,6 +34,8 @@ from taichi_membrane.output.reader import (
     GROUP,
     MESH,
     MODE,
+    PATH,
+    PATH_ARRAYS,
     SUMMARY,
     SavedRun,
     file_checksum,
@@ -45,6 +47,7 @@ from taichi_membrane.scene.drivers import driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import RunResult, Settings, StepResult
+from taichi_membrane.simulation.state import State
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
 
@@ -162,6 +165,8 @@ class Writer:
             places[field.place] |= zip(field.arrays, values.T if field.split else [values], strict=True)
         points, cells = places["node"], places["element"]
         cells["fabric"] = self._tri_fabric
+        if step.state.path is not None:
+            points |= {name: getattr(step.state.path, name.removeprefix(PATH)) for name in PATH_ARRAYS}
         if step.modes is not None:
             points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
         return _write_vtu(path, self._mesh, points, cells)
@@ -264,17 +269,25 @@ def _header(name: str, unit: str) -> str:
 
 def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
     """A load step in the summary: all but its arrays."""
-    scalars = {key: value for key, value in vars(step).items() if key not in ("fields", "modes", "trace")}
+    scalars = {key: value for key, value in vars(step).items() if key not in ("fields", "modes", "trace", "state")}
     modes = None if step.modes is None else {"kind": step.modes.kind, "values": step.modes.values}
     trace = [[one.event, one.share] for one in step.trace]
     return {
         **scalars,
         "trace": trace,
+        "state": _state_record(step.state),
         "modes": modes,
         "element_states": step.elements.count(),
         "file": file,
         "sha256": checksum,
     }
+
+
+def _state_record(state: State) -> dict[str, Any]:
+    """What a load step hands on, but its displacements and drivers, which stand beside it, and the arrays of its path."""
+    path = state.path
+    scalars = None if path is None else {"factor": path.factor, "negative": path.negative, "length": path.length}
+    return {"stiffest": state.stiffest, "shut": state.shut, "path": scalars}
 
 
 def _field_notes(scene: Scene) -> dict[str, dict[str, Any]]:

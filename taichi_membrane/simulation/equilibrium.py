@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -99,9 +99,22 @@ class Equilibrium:
 
     def shut(self, names: Sequence[str], state: LoadState) -> None:
         """Shut the valves of the named chambers at the present state, a load state's equilibrium, and open all others."""
-        chambers = []
+        swept = self.membrane.swept_volumes(self.membrane.displacement()) if names else np.zeros(0)
+        found = {}
         for name in names:
-            swept = self.membrane.swept_volumes(self.membrane.displacement())
+            triangles, rest_volume = self.model.enclosing(self.model.pressure_names.index(name))
+            found[name] = (rest_volume + float(swept[triangles].sum()), state.pressures[name])
+        self.gone_on(found)
+
+    def handed_on(self) -> dict[str, tuple[float, float]]:
+        """Volume and pressure of each shut chamber when its valve was shut, by its pressure's name."""
+        chambers = () if self.gas is None else self.gas.chambers
+        return {self.model.pressure_names[one.number]: (one.volume, one.pressure) for one in chambers}
+
+    def gone_on(self, shut: Mapping[str, tuple[float, float]]) -> None:
+        """Let chambers be shut that were so at a volume and a pressure, and all others open."""
+        chambers = []
+        for name, (volume, value) in shut.items():
             pressure, number = self.model.scene.pressures[name], self.model.pressure_names.index(name)
             triangles, rest_volume = self.model.enclosing(number)
             chambers.append(
@@ -111,8 +124,8 @@ class Equilibrium:
                     rest_volume=rest_volume,
                     ambient=pressure.ambient or 0.0,
                     exponent=pressure.exponent,
-                    volume=rest_volume + float(swept[triangles].sum()),
-                    pressure=state.pressures[name],
+                    volume=volume,
+                    pressure=value,
                 )
             )
         self.gas = Gas(self.membrane, tuple(chambers)) if chambers else None

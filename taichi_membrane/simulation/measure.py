@@ -15,6 +15,7 @@ from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import Course, LoadState
 from taichi_membrane.simulation.present import Present
 from taichi_membrane.simulation.results import ModeResult, StepResult
+from taichi_membrane.simulation.state import State
 from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.newton import AnyFactor
 from taichi_membrane.solvers.record import SolveRecord
@@ -101,14 +102,15 @@ class Measure:
             limit=limit,
             derivatives=at_rest.derivatives,
             modes=at_rest.modes,
+            state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
             seconds=time.perf_counter() - started,
         )
         return probes.with_own(self.model, step)
 
     def again(self, step: StepResult) -> None:
         """Bring the membrane back to the state that a step left it in."""
-        self.membrane.set_displacement(step.displacement)
-        self.equilibrium.apply(LoadState(step.drivers))
+        self.membrane.set_displacement(step.state.displacement)
+        self.equilibrium.apply(LoadState(step.state.drivers))
         if step.converged:
             # Handed on to the next step; a new one of a barely definite matrix may be refused.
             self._tangent(step.stage)

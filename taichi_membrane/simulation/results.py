@@ -16,6 +16,7 @@ from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, Outcome, Precisio
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.load_state import of_kind
 from taichi_membrane.simulation.policy import Trace
+from taichi_membrane.simulation.state import State
 
 Floats = NDArray[np.float64]
 
@@ -75,9 +76,7 @@ class StepResult:
     :param limit: where the step met collapse, bounds of each pressure and load (``load.tip``) at the largest stable load; the
         step's own state is the equilibrium at the lower one.
     :param trace: what the step went through, each passage at a share of the stage's course.
-    :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.load_step.Stiffest`; the next step
-        needs it.
-    :param derivatives: of each probe asked for, with respect to ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``.
+    :param state: what it hands to the next step: the run goes on from it.
     """
 
     number: int
@@ -98,9 +97,9 @@ class StepResult:
     limit: dict[str, tuple[float, float]] | None
     derivatives: dict[str, dict[str, float]]
     modes: ModeResult | None
+    state: State
     seconds: float
     trace: Trace = ()
-    stiffest: float = 0.0
 
     @property
     def stable(self) -> bool | None:
