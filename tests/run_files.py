@@ -94,6 +94,7 @@ def a_step(number: int, **changes: Any) -> StepResult:
         limit={"load.pull": (1.0 / 3.0, 0.5)} if number else None,
         derivatives={"tip": {"load.pull": 1.0 / 3.0}} if number else {},
         modes=modes if number else None,
+        unknown={"modes": "the scene asks for none here"} if not number else {},
         state=State(
             displacement=values["displacement"],
             drivers=DRIVERS | {"pressure.inside": 0.1 * number},

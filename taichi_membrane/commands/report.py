@@ -47,6 +47,7 @@ def print_run(console: Console, result: RunResult) -> None:
     _print_steps(console, result)
     print_failed_steps(console, result)
     _print_at_rest(console, result)
+    _print_unknown(console, result)
     if result.checks:
         console.print()
         _print_table(console, check_columns(result.scene, result.checks))
@@ -83,6 +84,15 @@ def _print_at_rest(console: Console, result: RunResult) -> None:
         columns = [Column(f"at {step.stage} {step.stage_step}, d/d…", list(step.derivatives))]
         columns += [Column(p, [f"{of[p]:.6g}" for of in step.derivatives.values()]) for p in parameters]
         _print_table(console, columns)
+
+
+def _print_unknown(console: Console, result: RunResult) -> None:
+    """Why stability is not known of load steps, a line for each reason."""
+    for why, steps in groupby(result.steps, key=lambda step: step.unknown.get("stable", "")):
+        numbers = [step.number for step in steps]
+        if why:
+            which = f"load step {numbers[0]}" if len(numbers) == 1 else f"load steps {numbers[0]} to {numbers[-1]}"
+            _print_wrapped(console, "stability", f"not told of {which}: {why}")
 
 
 def print_failed_steps(console: Console, result: RunResult) -> None:

@@ -241,6 +241,7 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         limit=None if record["limit"] is None else {key: (low, high) for key, (low, high) in record["limit"].items()},
         seconds=_number(record["seconds"]),
         trace=tuple(Passage(event=event, share=float(share)) for event, share in record["trace"]),
+        unknown={str(name): str(why) for name, why in record["unknown"].items()},
         state=_state(record, fields["displacement"], per_node),
     )
 

@@ -15,6 +15,7 @@ from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import Course, LoadState
 from taichi_membrane.simulation.present import Present
 from taichi_membrane.simulation.results import ModeResult, StepResult
+from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.state import State
 from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.newton import AnyFactor
@@ -102,6 +103,7 @@ class Measure:
             limit=limit,
             derivatives=at_rest.derivatives,
             modes=at_rest.modes,
+            unknown=self._unknown(stage, course, at_rest, converged=record.converged, limited=limit is not None),
             state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
             seconds=time.perf_counter() - started,
         )
@@ -121,10 +123,13 @@ class Measure:
 
     def _tangent(self, stage: str) -> AnyFactor | None:
         """The factorised tangent at the present state, where it is used and not singular."""
-        newton, scene = self.equilibrium.newton, self.model.scene
-        if newton is None or not (scene.solver.stability or scene.derivatives or self._modes_asked(stage)):
-            return None
-        return newton.at_rest()
+        newton = self.equilibrium.newton
+        return newton.at_rest() if newton is not None and self._tangent_asked(stage) else None
+
+    def _tangent_asked(self, stage: str) -> bool:
+        """Whether the scene asks for what only a tangent tells."""
+        scene = self.model.scene
+        return scene.solver.stability or bool(scene.derivatives) or self._modes_asked(stage) is not None
 
     def _at_rest(self, stage: Stage, course: Course, share: float) -> AtRest:
         """What the tangent at an equilibrium tells, where it is used and not singular."""
@@ -141,6 +146,34 @@ class Measure:
             path = self.equilibrium.path(Way(newton, course.start, course.target, self.equilibrium.press))
             shapes = modes.buckling(path, displacement, share, factor, asked)
         return AtRest(factor.negative, found, shapes)
+
+    def _unknown(
+        self, stage: Stage, course: Course, found: AtRest, *, converged: bool, limited: bool
+    ) -> dict[str, str]:
+        """Why there is no value of what a step could tell."""
+        scene, newton = self.model.scene, self.equilibrium.newton
+        if not converged:
+            why = "the state is no equilibrium"
+        elif newton is None:
+            why = f"relaxation has no tangent ({chosen_solver(self.model).reason or 'solver.kind = relaxation'})"
+        elif self._tangent_asked(stage.name):
+            why = "the tangent is singular"
+        else:
+            why = "solver.stability is off"
+        reasons = {}
+        if found.negative_pivots is None:
+            reasons["stable"] = why
+        if not found.derivatives:
+            reasons["derivatives"] = why if scene.derivatives else "the scene asks for none"
+        if found.modes is None:
+            asked = self._modes_asked(stage.name)
+            still = found.negative_pivots is not None and course.start == course.target
+            reasons["modes"] = (
+                "the scene asks for none here" if asked is None else "the stage changes nothing" if still else why
+            )
+        if not limited:
+            reasons["limit"] = why if newton is None or not converged else "none was met"
+        return reasons
 
     @cached_property
     def _mass(self) -> Floats:

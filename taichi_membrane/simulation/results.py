@@ -76,6 +76,7 @@ class StepResult:
     :param limit: where the step met collapse, bounds of each pressure and load (``load.tip``) at the largest stable load; the
         step's own state is the equilibrium at the lower one.
     :param trace: what the step went through, each passage at a share of the stage's course.
+    :param unknown: why there is no value of ``stable``, ``derivatives``, ``modes`` or ``limit``, of those that have none.
     :param state: what it hands to the next step: the run goes on from it.
     """
 
@@ -99,11 +100,12 @@ class StepResult:
     modes: ModeResult | None
     state: State
     seconds: float
+    unknown: Mapping[str, str] = field(default_factory=dict)
     trace: Trace = ()
 
     @property
     def stable(self) -> bool | None:
-        """Whether the equilibrium is stable; None where nothing is known of it."""
+        """Whether the equilibrium is stable; None where nothing is known of it, and ``unknown`` says why."""
         return None if self.negative_pivots is None else self.negative_pivots == 0
 
     @property
