@@ -78,6 +78,12 @@ def _print_version(asked: bool) -> None:
         raise typer.Exit
 
 
+def _drawn_field(name: str | None) -> str | None:
+    if name is not None and name not in drawn():
+        raise typer.BadParameter(f"{name!r} is not one of {', '.join(drawn())}")
+    return name
+
+
 @app.callback()
 def _options(
     version: Annotated[
@@ -227,7 +233,10 @@ def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOptio
 @app.command()
 def render(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of a run.")],
-    field: Annotated[str | None, typer.Option(metavar="NAME", help=f"What colours show: {', '.join(drawn())}.")] = None,
+    field: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help=f"What colours show: {', '.join(drawn())}.", callback=_drawn_field),
+    ] = None,
     azimuth: Annotated[float | None, typer.Option(help="Degrees about z.")] = None,
     elevation: Annotated[float | None, typer.Option(min=-90, max=90, help="Degrees above the xy plane.")] = None,
     projection: Annotated[Literal["perspective", "orthographic"] | None, typer.Option()] = None,
