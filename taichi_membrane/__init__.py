@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from taichi_membrane.parametric.sweep import sweep
     from taichi_membrane.scene import Scene
     from taichi_membrane.scene.file import load_scene
-    from taichi_membrane.simulation.results import RunResult
+    from taichi_membrane.simulation.results import RunResult, StepResult
 
 # Where each public name lives; looked up on first use, so that the command line starts before NumPy and SciPy are needed.
 _HOME = {
@@ -26,6 +26,7 @@ _HOME = {
     "Mesh": "mesh",
     "RunResult": "simulation.results",
     "Scene": "scene",
+    "StepResult": "simulation.results",
     "fit": "parametric.fit",
     "load_scene": "scene.file",
     "read_mesh": "mesh",
@@ -40,6 +41,7 @@ __all__ = [
     "Mesh",
     "RunResult",
     "Scene",
+    "StepResult",
     "fit",
     "load_scene",
     "read_mesh",

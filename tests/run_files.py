@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_membrane import fields as tables
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import Outcome
 from taichi_membrane.output.writer import Writer
@@ -18,12 +19,12 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.shapes import panel
 from taichi_membrane.simulation.results import (
     CheckResult,
-    ElementFields,
     ModeResult,
     RunResult,
     Settings,
     StepResult,
 )
+from taichi_membrane.simulation.state import PathState, State
 
 SCENE = Scene.model_validate(
     {
@@ -61,8 +62,9 @@ def a_mesh() -> Mesh:
 
 
 MESH = a_mesh()
-SETTINGS = Settings(precision="f32", threads=2)
+SETTINGS = Settings(precision="f32", threads=2, render=False)
 PROVENANCE = {"arch": "x64", "threads": 2}
+DRIVERS = {"pressure.inside": 0.0, "load.pull": 1.0 / 3.0, "load.wind": 0.0, "load.seam": -2e-300}
 FABRIC = np.arange(MESH.tri_count, dtype=np.int32) % 2
 
 
@@ -70,28 +72,15 @@ def a_step(number: int, **changes: Any) -> StepResult:
     """A step with numbers that differ in every bit (seeded by the step's number)."""
     rng = np.random.default_rng(number)
     m = MESH.tri_count
-    elements = ElementFields(
-        strain=rng.normal(size=(m, 3)),
-        stress=rng.normal(size=(m, 3)),
-        state=rng.integers(0, 3, m).astype(np.int8),
-        fold_strain=rng.normal(size=m),
-        taut_margin=rng.normal(size=m),
-        slack_margin=rng.normal(size=m),
-        major_stress=rng.normal(size=m),
-        minor_stress=rng.normal(size=m),
-        major_direction=rng.normal(size=(m, 3)),
-    )
+    values = {one.name: rng.normal(size=one.shape(MESH.node_count, m)) for one in tables.FIELDS}
+    values["state"] = rng.integers(0, 3, m).astype(np.int8)
     modes = ModeResult(kind="vibration", values=(1.0 / 3.0, 2.0), shapes=rng.normal(size=(2, MESH.node_count, 3)))
     step = StepResult(
         number=number,
         stage="load",
         stage_step=number + 1,
-        pressures={"inside": 0.1 * number},
-        loads={"pull": 1.0 / 3.0, "wind": 0.0, "seam": -2e-300},
-        motions={},
-        displacement=rng.normal(size=(MESH.node_count, 3)),
-        reaction=rng.normal(size=(MESH.node_count, 3)),
-        elements=elements,
+        drivers=DRIVERS | {"pressure.inside": 0.1 * number},
+        fields=values,
         probes=dict(zip(SCENE.probes, map(float, rng.normal(size=6)), strict=True)),
         volume=1.5,
         energy=-2.5,
@@ -105,6 +94,22 @@ def a_step(number: int, **changes: Any) -> StepResult:
         limit={"load.pull": (1.0 / 3.0, 0.5)} if number else None,
         derivatives={"tip": {"load.pull": 1.0 / 3.0}} if number else {},
         modes=modes if number else None,
+        unknown={"modes": "the scene asks for none here"} if not number else {},
+        state=State(
+            displacement=values["displacement"],
+            drivers=DRIVERS | {"pressure.inside": 0.1 * number},
+            stiffest=1.0 / 3.0,
+            shut={"inside": (1.0 / 7.0, 0.1)} if number else {},
+            path=PathState(
+                factor=1.0 / 3.0,
+                tangent=rng.normal(size=(MESH.node_count, 3)),
+                advance=rng.normal(size=(MESH.node_count, 3)),
+                negative=1,
+                length=2.0 / 7.0,
+            )
+            if number
+            else None,
+        ),
         seconds=0.25,
     )
     return replace(step, **changes)
@@ -155,7 +160,7 @@ def different(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
 
 def same(a: Any, b: Any) -> bool:
     """Equal to the last bit, arrays, records and NaN included."""
-    if isinstance(a, ElementFields | StepResult | ModeResult):
+    if isinstance(a, StepResult | ModeResult | State | PathState):
         return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)

@@ -103,7 +103,7 @@ def test_derivatives_are_those_of_finite_differences() -> None:
     *_, step = work.steps()
     assert work.outcome == "finished"
     assert step.elements.count()["wrinkled"] > 10
-    course = Course(*[LoadState({"inside": 0.035}, {"tip": 10.0}, {})] * 2)
+    course = Course(*[LoadState.of(pressure={"inside": 0.035}, load={"tip": 10.0})] * 2)
 
     def probes_at(state: LoadState) -> dict[str, float]:
         work.membrane.set_displacement(step.displacement)
@@ -121,8 +121,14 @@ def test_derivatives_are_those_of_finite_differences() -> None:
         return probes
 
     ways: dict[str, tuple[float, Callable[[float], dict[str, float]]]] = {
-        "load.tip": (10.0, lambda share: probes_at(LoadState({"inside": 0.035}, {"tip": 10.0 * share}, {}))),
-        "pressure.inside": (0.035, lambda share: probes_at(LoadState({"inside": 0.035 * share}, {"tip": 10.0}, {}))),
+        "load.tip": (
+            10.0,
+            lambda share: probes_at(LoadState.of(pressure={"inside": 0.035}, load={"tip": 10.0 * share})),
+        ),
+        "pressure.inside": (
+            0.035,
+            lambda share: probes_at(LoadState.of(pressure={"inside": 0.035 * share}, load={"tip": 10.0})),
+        ),
         "thickness.wall": (0.1, with_thickness(0)),
         "thickness.cap_end": (0.3, with_thickness(1)),
     }

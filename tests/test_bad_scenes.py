@@ -41,7 +41,7 @@ def modelled(path: Path) -> Model:
 
 def assert_finite(model: Model) -> None:
     structure = model.structure
-    arrays: dict[str, Any] = {"warp": structure.tri_warp, **model.unit_loads}
+    arrays: dict[str, Any] = {"warp": structure.tri_warp, **model.unit_forces}
     if structure.node_frame is not None:
         arrays["frame"] = structure.node_frame
     for number, fabric in enumerate(structure.fabrics):

@@ -302,7 +302,7 @@ def test_check_tells_sizes_groups_units_and_features(scene: str) -> None:
         "fabric all: E = 10 MPa, nu = 0.3, thickness 1 mm, wrinkling law tension_field",
         "support south: xyz held north: xy held",
         "pressure inside: follower, on all",
-        "stage inflate: 2 steps, pressure to 0.002 MPa",
+        "stage inflate: 2 steps, pressure inside to 0.002 MPa",
         "probes radius, foot checks 2",
         "compiled in wrinkling (tension field), Green side strain, follower pressure",
         "left out wrinkling (clipped stress), orthotropic fabric",

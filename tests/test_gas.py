@@ -113,10 +113,10 @@ def test_the_coupled_tangent_is_the_derivative_of_the_forces() -> None:
     membrane.set_displacement(position)
     work.equilibrium.gas.settle()  # type: ignore[union-attr]
     # A pressure so high that the ball would run away, were the gas not shut in.
-    work.equilibrium.shut([], LoadState(last.pressures, {}, {}))
+    work.equilibrium.shut([], LoadState(last.drivers))
     membrane.set_pressures(np.array([120.0]))
     loose = newton.factorised(indefinite=True)
-    work.equilibrium.shut(["gas"], LoadState({"gas": 120.0, "outside": 0.0}, {}, {}))
+    work.equilibrium.shut(["gas"], LoadState.of(pressure={"gas": 120.0, "outside": 0.0}))
     shut = newton.factorised(indefinite=True)
     assert loose is not None
     assert shut is not None
@@ -144,7 +144,7 @@ def test_energy_is_that_of_the_work_done() -> None:
     scene = sphere(4, 1.4, stages=stages, solver={"kind": "newton", "tolerance": 1e-10})
     model = build_model(scene, build_mesh(scene))
     result = run(scene)
-    unit = model.unit_pressures["outside"]
+    unit = model.unit_forces["pressure.outside"]
     # Along equilibria dΠ/dq is the partial derivative, -unit·u.
     sweep = [-float(np.vdot(unit, step.displacement)) for step in result.steps]
     loads = [step.pressures["outside"] for step in result.steps]

@@ -124,6 +124,30 @@ def test_a_file_system_without_locks_is_told(tmp_path: Path, monkeypatch: pytest
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", none)
-    expected = r"cannot be locked against other runs \(No locks available\)"
+    expected = r"cannot be locked against others \(No locks available\)"
     with pytest.raises(InputError, match=expected), sole_writer(tmp_path):
         raise AssertionError("it is not locked")
+
+
+def test_a_second_study_in_a_folder_ends_with_2_and_leaves_all_alone(tmp_path: Path) -> None:
+    """It would take the runs of the first, which are not done, for left-overs and remove them."""
+    out = tmp_path / "study"
+    half = out / "runs" / "case"
+    half.mkdir(parents=True)
+    (half / "summary.json").write_text("half a run", "utf-8")
+    program = (
+        "import sys\nfrom pathlib import Path\nfrom taichi_membrane.output.lock import sole_writer\n"
+        "with sole_writer(Path(sys.argv[1]), 'study'):\n    print('in', flush=True)\n    input()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(out)], env={**os.environ, "PYTHONPATH": str(ROOT)}, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    ) as first:  # fmt: skip
+        assert first.stdout is not None
+        assert first.stdout.readline() == "in\n"
+        done = CliRunner().invoke(app, ["study", "sphere", "--vary", "mesh.divisions=2,3", "--out", str(out)])
+        assert (done.exit_code, done.stdout) == (2, ""), done.output
+        assert f"{out}: another study writes in this folder (process {first.pid})" in done.stderr.splitlines()[-1]
+        assert (half / "summary.json").read_text("utf-8") == "half a run"
+        first.communicate("\n")
+    assert not (out / LOCK).exists()

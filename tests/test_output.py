@@ -20,10 +20,10 @@ from run_files import FABRIC, MESH, PROVENANCE, SCENE, SETTINGS, a_result, a_run
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.output import atomic
-from taichi_membrane.output import writer as output
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.output.writer import Writer
 from taichi_membrane.scene import Scene
+from taichi_membrane.scene.drivers import driver_unit
 from taichi_membrane.shapes import tube
 
 
@@ -76,10 +76,11 @@ def test_paraview_gets_reference_points_a_displacement_vector_and_all_fields(tmp
     assert same(read.point_data["reaction"], step.reaction)
     cells = {name: blocks[0] for name, blocks in read.cell_data.items()}
     assert cells.keys() == {
-        "state", "fold_strain", "major_stress", "minor_stress", "major_direction", "taut_margin", "slack_margin", "fabric",
-        "stress_warp", "stress_weft", "stress_shear", "strain_warp", "strain_weft", "strain_shear",
+        "state", "fold_strain", "major_stress_pk2", "minor_stress_pk2", "major_direction", "taut_margin", "slack_margin", "fabric",
+        "stress_warp_pk2", "stress_weft_pk2", "stress_shear_pk2", "strain_warp", "strain_weft", "strain_shear",
+        "major_resultant_cauchy", "minor_resultant_cauchy",
     }  # fmt: skip
-    assert same(cells["stress_weft"], step.elements.stress[:, 1])
+    assert same(cells["stress_weft_pk2"], step.elements.stress[:, 1])
     assert same(cells["strain_shear"], step.elements.strain[:, 2])
     assert same(cells["major_direction"], step.elements.major_direction)
     assert same(cells["fabric"], FABRIC)
@@ -99,8 +100,8 @@ def test_history_has_a_row_per_step_and_units_in_distinct_headers(tmp_path: Path
     with (tmp_path / "run" / "history.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.reader(file))
     assert rows[0] == [
-        "step", "stage", "stage_step", "load.pull [N]", "load.wind", "load.seam [N/mm]", "pressure.inside [MPa]",
-        "volume [mm³]", "tip [mm]", "foot [N]", "girth [mm]", "probe.volume [mm³]", "peak [MPa]", "wrinkled",
+        "step", "stage", "stage_step", "pressure.inside [MPa]", "load.pull [N]", "load.wind", "load.seam [N/mm]",
+        "volume [mm³]", "tip [mm]", "foot [N]", "girth [mm]", "probe.volume [mm³]", "peak [MPa PK2]", "wrinkled",
         "taut_count", "wrinkled_count", "slack_count", "iterations", "residual", "potential_energy [N·mm]", "solver",
         "converged", "reason", "cuts", "negative_pivots", "trace", "seconds",
     ]  # fmt: skip
@@ -113,9 +114,9 @@ def test_history_has_a_row_per_step_and_units_in_distinct_headers(tmp_path: Path
 
 
 def test_a_unit_vector_alone_gives_a_load_factor_its_unit() -> None:
-    assert output.load_unit(SCENE, "wind") == ""
+    assert driver_unit(SCENE, "load.wind") == ""
     unit = SCENE.loads["wind"].model_copy(update={"direction": (0.0, 0.6, 0.8)})
-    assert output.load_unit(SCENE.model_copy(update={"loads": {"wind": unit}}), "wind") == "N/mm²"
+    assert driver_unit(SCENE.model_copy(update={"loads": {"wind": unit}}), "load.wind") == "N/mm²"
 
 
 def test_summary_is_strict_json_with_what_a_reader_needs(tmp_path: Path) -> None:
@@ -126,7 +127,7 @@ def test_summary_is_strict_json_with_what_a_reader_needs(tmp_path: Path) -> None
     assert summary["converged"] is False
     assert summary["passed"] is False
     assert summary["provenance"] == PROVENANCE
-    assert summary["settings"] == {"arch": "cpu", "precision": "f32", "threads": 2}
+    assert summary["settings"] == {"arch": "cpu", "precision": "f32", "threads": 2, "render": False}
     assert summary["seconds"] == {"compile": 1.0}
     assert summary["checks"][0]["value"] is None
     assert summary["mesh"]["node_count"] == MESH.node_count

@@ -304,7 +304,7 @@ def asked(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
         (asked("precision", "f16"), "precision = 'f16' is not one of f64, f32"),
         (asked("threads", "many"), "summary.json: damaged: ValueError: invalid literal for int()"),
         (lambda summary: summary.update(format="other"), "not the summary of a run of this program"),
-        (lambda summary: summary.update(format_version=1), "format version 1, but this program reads version 4"),
+        (lambda summary: summary.update(format_version=1), "format version 1, but this program reads version 5"),
     ],
 )
 def test_what_cannot_go_on_bit_by_bit_is_refused_and_left_alone(
@@ -348,8 +348,26 @@ def test_resume_takes_no_scene_and_no_settings(run: Path, arguments: list[str], 
     assert (done.exit_code, done.stdout, done.stderr) == (2, "", told)
 
 
+@pytest.mark.parametrize(("options", "drawn"), [((), False), (("--render",), True), (("--no-render",), False)])
+def test_pictures_are_drawn_as_the_run_was_begun_unless_asked_anew(
+    run: Path, options: tuple[str, ...], drawn: bool
+) -> None:
+    """The run was begun without; and what a resume is asked for holds for the next one."""
+
+    def stopped(summary: dict[str, Any]) -> None:
+        summary["complete"] = False
+        del summary["steps"][4:]
+
+    forge(run, stopped)
+    for arguments in (options, ()):
+        assert call("run", "--resume", str(run), *arguments).exit_code == 0
+        assert (run / "step_0004.png").exists() == drawn
+        assert (run / "curve.png").exists() == drawn
+        forge(run, stopped)
+
+
 def test_ctrl_c_counts_the_steps_that_were_there_before(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(directory: Path, *, render: bool, observer: Observer) -> None:
+    def interrupted(directory: Path, *, render: bool | None, observer: Observer) -> None:
         observer.kept(read_run(directory).steps)
         raise KeyboardInterrupt
 
@@ -360,7 +378,7 @@ def test_ctrl_c_counts_the_steps_that_were_there_before(run: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize("way", ["arc length", "shut chamber"])
-def test_what_can_only_be_followed_from_its_start_is(
+def test_a_path_and_a_shut_chamber_go_on_from_within(
     scene: str, tmp_path: Path, runtime_cpu: Runtime, way: str
 ) -> None:
     changes = {
@@ -377,12 +395,14 @@ def test_what_can_only_be_followed_from_its_start_is(
     assert (read_run(tmp_path / "run").steps[3].solver == "arc length") == (way == "arc length")
     assert (read_run(tmp_path / "run").steps[3].pressures["inside"] != 0.03) == (way == "shut chamber")
 
-    def stopped(summary: dict[str, Any]) -> None:
-        summary["complete"] = False
-        del summary["steps"][4:]
+    for kept in (2, 3, 4):
 
-    forge(tmp_path / "run", stopped)
-    done = call("run", "--resume", "run", "--no-render")
-    assert done.exit_code == 0
-    assert "2 of 5 load steps are there already" in done.stderr
-    assert not different(outcome(tmp_path / "run"), whole)
+        def stopped(summary: dict[str, Any], kept: int = kept) -> None:
+            summary["complete"] = False
+            del summary["steps"][kept:]
+
+        forge(tmp_path / "run", stopped)
+        done = call("run", "--resume", "run", "--no-render")
+        assert done.exit_code == 0
+        assert f"{kept} of 5 load steps are there already" in done.stderr
+        assert not different(outcome(tmp_path / "run"), whole), kept

@@ -80,7 +80,7 @@ def forge(directory: Path, change: str) -> None:
         MESH_OF_ANOTHER_RUN.write(step)
     elif change == "array of another width":
         content = meshio.read(step)
-        content.cell_data["stress_warp"] = [np.zeros((MESH.tri_count, 2))]
+        content.cell_data["stress_warp_pk2"] = [np.zeros((MESH.tri_count, 2))]
         content.write(step)
     elif change == "foreign":
         summary["format"] = "something else"
@@ -108,10 +108,10 @@ def forge(directory: Path, change: str) -> None:
     ("change", "expected"),
     [
         ("half a step file", "step_0000.vtu: damaged: "),
-        ("another mesh's step", "step_0000.vtu: damaged: no array 'strain_warp'"),
-        ("array of another width", "step_0000.vtu: damaged: array 'stress_warp' is (12, 2), but (12,) is expected"),
+        ("another mesh's step", "step_0000.vtu: damaged: no array 'displacement'"),
+        ("array of another width", "step_0000.vtu: damaged: array 'stress_warp_pk2' is (12, 2), but (12,) is expected"),
         ("foreign", "summary.json: not the summary of a run of this program"),
-        ("newer", "summary.json: format version 99, but this program reads version 4"),
+        ("newer", "summary.json: format version 99, but this program reads version 5"),
         ("no steps", "summary.json: damaged: KeyError: 'steps'"),
         ("bad scene", "summary.json: damaged scene: fabric.thickness: -1 must be above 0"),
         ("no number", "summary.json: damaged: KeyError: 'number'"),

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.arrays import Floats, Ints
 
 # Most nodes of a leaf: fewer make more fronts, whose handling costs time; more fill the factor.
 _LEAF = 32

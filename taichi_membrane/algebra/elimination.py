@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.algebra.dissection import Dissection, dissect
-from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.arrays import Floats, Ints
 
 Places = NDArray[np.int64]
 

@@ -19,7 +19,7 @@ from scipy.linalg import lapack
 
 from taichi_membrane.algebra import blas
 from taichi_membrane.algebra.elimination import Elimination, Group
-from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.arrays import Floats
 
 # A pivot below this share of its diagonal entry is round-off: the matrix is singular in double precision.
 _CANCELLED = 1e-14

@@ -21,6 +21,7 @@ from taichi_membrane.commands.fit import fit
 from taichi_membrane.commands.study import study
 from taichi_membrane.commands.sweep import sweep
 from taichi_membrane.errors import InputError
+from taichi_membrane.fields import drawn
 from taichi_membrane.names import Arch, Precision
 
 if TYPE_CHECKING:
@@ -80,6 +81,12 @@ def _print_version(asked: bool) -> None:
         raise typer.Exit
 
 
+def _drawn_field(name: str | None) -> str | None:
+    if name is not None and name not in drawn():
+        raise typer.BadParameter(f"{name!r} is not one of {', '.join(drawn())}")
+    return name
+
+
 @app.callback()
 def _options(
     version: Annotated[
@@ -114,7 +121,14 @@ def run(
     arch: Annotated[Arch, typer.Option(help="Back end of Taichi.")] = "cpu",
     precision: Annotated[Precision, typer.Option(help="Floating-point type of the mechanics.")] = "f64",
     overrides: SetOption = None,
-    render: Annotated[bool, typer.Option("--render/--no-render", help="Draw pictures and the curve.")] = True,
+    render: Annotated[
+        bool,
+        typer.Option(
+            "--render/--no-render",
+            help="Draw pictures and the curve.",
+            show_default="yes; with --resume as the run was begun",
+        ),
+    ] = True,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but failures.")] = False,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="all cores")] = None,
     repair: RepairOption = False,
@@ -127,7 +141,7 @@ def run(
     meet collapse (until = "collapse") met none.
     """
     if resume is not None:
-        _go_on(context, resume, render, quiet, report)
+        _go_on(context, resume, quiet, report)
         return
     if scene is None:
         raise typer.BadParameter("a scene, or --resume DIR", ctx=context, param_hint="SCENE")
@@ -157,22 +171,20 @@ def run(
     _run(work, model, directory, quiet, report)
 
 
-def _go_on(context: typer.Context, directory: Path, render: bool, quiet: bool, report: bool) -> None:
+def _go_on(context: typer.Context, directory: Path, quiet: bool, report: bool) -> None:
     """The command ``run --resume``."""
     from taichi_membrane.execution.run import resume as resume_run
     from taichi_membrane.output.reader import read_scene
 
     allowed = ("--resume", "--render", "--quiet", "--report")
     sources = {one.opts[0]: context.get_parameter_source(str(one.name)) for one in context.command.params}
-    given = [
-        option.replace("scene", "SCENE")
-        for option, source in sources.items()
-        if option not in allowed and source is not None and source.name != "DEFAULT"
-    ]
-    if given:
+    given = [option for option, source in sources.items() if source is not None and source.name != "DEFAULT"]
+    barred = [option.replace("scene", "SCENE") for option in given if option not in allowed]
+    if barred:
         raise InputError(
-            f"--resume {directory}: scene and settings are those of the run in that folder; leave out {', '.join(given)}"
+            f"--resume {directory}: scene and settings are those of the run in that folder; leave out {', '.join(barred)}"
         )
+    render = context.params["render"] if "--render" in given else None
     _run(
         lambda observer: resume_run(directory, render=render, observer=observer),
         read_scene(directory),
@@ -229,7 +241,8 @@ def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOptio
 def render(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of a run.")],
     field: Annotated[
-        Literal["state", "fold_strain", "major_stress", "displacement"] | None, typer.Option(help="What colours show.")
+        str | None,
+        typer.Option(metavar="NAME", help=f"What colours show: {', '.join(drawn())}.", callback=_drawn_field),
     ] = None,
     azimuth: Annotated[float | None, typer.Option(help="Degrees about z.")] = None,
     elevation: Annotated[float | None, typer.Option(min=-90, max=90, help="Degrees above the xy plane.")] = None,

@@ -15,7 +15,8 @@ from rich.text import Text
 from taichi_membrane.mesh import survey
 from taichi_membrane.output.tables import Column, check_columns, error_text, step_columns, tolerance_text, with_unit
 from taichi_membrane.scene import Fabric, Scene, Stage
-from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, stage_values
+from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import RunResult
 
@@ -30,6 +31,7 @@ def print_run(console: Console, result: RunResult) -> None:
     _print_steps(console, result)
     print_failed_steps(console, result)
     _print_at_rest(console, result)
+    _print_unknown(console, result)
     if result.checks:
         console.print()
         _print_table(console, check_columns(result.scene, result.checks))
@@ -66,6 +68,15 @@ def _print_at_rest(console: Console, result: RunResult) -> None:
         columns = [Column(f"at {step.stage} {step.stage_step}, d/d…", list(step.derivatives))]
         columns += [Column(p, [f"{of[p]:.6g}" for of in step.derivatives.values()]) for p in parameters]
         _print_table(console, columns)
+
+
+def _print_unknown(console: Console, result: RunResult) -> None:
+    """Why stability is not known of load steps, a line for each reason."""
+    for why, steps in groupby(result.steps, key=lambda step: step.unknown.get("stable", "")):
+        numbers = [step.number for step in steps]
+        if why:
+            which = f"load step {numbers[0]}" if len(numbers) == 1 else f"load steps {numbers[0]} to {numbers[-1]}"
+            _print_wrapped(console, "stability", f"not told of {which}: {why}")
 
 
 def print_failed_steps(console: Console, result: RunResult) -> None:
@@ -183,9 +194,7 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
             ("support", f"{item.group}: {item.hold or f'normal {list(item.normal or ())}'} held")
             for item in scene.supports
         ),
-        *(("motion", f"{name}: {item.kind} of {item.group} in {item.hold}") for name, item in scene.motions.items()),
-        *(("pressure", f"{name}: {item.kind}, on {item.group}") for name, item in scene.pressures.items()),
-        *(("load", f"{name}: {item.kind} on {item.group}") for name, item in scene.loads.items()),
+        *((kind.name, f"{name}: {kind.words(item)}") for kind in DRIVERS for name, item in kind.defined(scene).items()),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         ("probes", ", ".join(scene.probes) or "none"),
         ("checks", str(len(scene.checks)) if scene.checks else "none"),
@@ -222,12 +231,10 @@ def _fabric_line(scene: Scene, fabric: Fabric) -> str:
 
 
 def _stage_line(scene: Scene, stage: Stage) -> str:
-    if isinstance(stage.pressure, dict):
-        aims = [f"pressure {name} to {value:g} {scene.units.stress}" for name, value in stage.pressure.items()]
-    else:
-        aims = [] if stage.pressure is None else [f"pressure to {stage.pressure:g} {scene.units.stress}"]
-    aims += [f"load {name} to {with_unit(value, load_unit(scene, name))}" for name, value in stage.loads.items()]
-    aims += [f"motion {name} to {with_unit(value, motion_unit(scene, name))}" for name, value in stage.motions.items()]
+    asked = stage_values(driver_names(scene), stage)
+    aims = [
+        f"{name.replace('.', ' ')} to {with_unit(value, driver_unit(scene, name))}" for name, value in asked.items()
+    ]
     aims += ["by arc length"] if stage.control == "arc_length" else []
     aims += [f"until {stage.until.replace('_', ' ')}"] if stage.until != "target" else []
     aims += [f"valve shut: {', '.join(stage.closed)}"] if stage.closed else []

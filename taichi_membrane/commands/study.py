@@ -52,6 +52,7 @@ def study(
     Each combination runs in a fresh process; one that is done already is not run again. Writes study.csv, study.json, study.md and
     study.png. Exit code: 0 all runs converged, 2 bad input (found before anything runs), 3 a run gave no result.
     """
+    from taichi_membrane.output.lock import sole_writer
     from taichi_membrane.scene.file import resolve_scene
     from taichi_membrane.study.plan import build_plan
     from taichi_membrane.study.runner import check_folder, run_all
@@ -67,8 +68,9 @@ def study(
         ended += 1
         typer.echo(f"[{ended}/{total}] {run.case.label}: {_verdict(run, reused=reused)}", err=True)
 
-    runs = run_all(plan, directory, jobs=jobs, budget=budget, told=told)
-    _report(plan, runs, directory)
+    with sole_writer(directory, "study"):
+        runs = run_all(plan, directory, jobs=jobs, budget=budget, told=told)
+        _report(plan, runs, directory)
     if any(run.status != "converged" for run in runs):
         raise typer.Exit(_NOT_CONVERGED)
 

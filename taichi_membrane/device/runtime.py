@@ -1,7 +1,8 @@
 """The only place that starts Taichi; says which back end and precision really run.
 
 ``ti.init`` is global and destroys every field made before it, so one process has one runtime. :func:`start` may be
-called again with equal arguments and does nothing then; different arguments are refused.
+called again with equal arguments and does nothing then; different arguments are refused, and so are other threads: Taichi 1.7.4
+compiles kernels in the thread that started it alone, and what another one begins leaves it broken.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import io
 import os
 import subprocess
 import sys
+import threading
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -33,7 +35,7 @@ class Runtime:
         return self.arch in ("x64", "arm64")
 
 
-_started: tuple[tuple[object, ...], Runtime] | None = None
+_started: tuple[tuple[object, ...], Runtime, threading.Thread] | None = None
 
 
 def start(*, arch: Arch = "cpu", precision: Precision = "f64", threads: int | None = None) -> Runtime:
@@ -43,11 +45,16 @@ def start(*, arch: Arch = "cpu", precision: Precision = "f64", threads: int | No
     :param precision: floating-point type of the mechanics, ``f64`` or ``f32``. The renderer always uses f32.
     :param threads: CPU threads; all cores when None.
     :raises InputError: unknown names; a back end that is missing, or that Taichi would silently replace; a second
-        start with other arguments.
+        start with other arguments, or by another thread.
     """
     global _started
     asked = (arch, precision, threads)
     if _started is not None:
+        if _started[2] is not threading.current_thread():
+            raise InputError(
+                f"Taichi was started by the thread {_started[2].name!r} of this process and works in no other one, such as "
+                f"{threading.current_thread().name!r}: run every scene there, or the first one in a thread, too"
+            )
         if _started[0] != asked:
             raise InputError(f"Taichi already runs as {_started[0]} in this process; it cannot change to {asked}")
         return _started[1]
@@ -67,8 +74,13 @@ def start(*, arch: Arch = "cpu", precision: Precision = "f64", threads: int | No
     runtime = Runtime(
         arch=actual.name, precision=precision, threads=count, taichi_version=".".join(map(str, ti.__version__))
     )
-    _started = (asked, runtime)
+    _started = (asked, runtime, threading.current_thread())
     return runtime
+
+
+def owner() -> threading.Thread | None:
+    """The thread that has started Taichi, the only one that it works in; None before that."""
+    return None if _started is None else _started[2]
 
 
 def current() -> Runtime:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from taichi_membrane.simulation.results import StepResult
+    from taichi_membrane.solvers.record import Progress
 
 Result = TypeVar("Result")
 
@@ -55,9 +56,21 @@ class Silent:
 class Clock:
     """Seconds spent in each phase, told to the observer as they begin."""
 
-    def __init__(self, observer: Observer) -> None:
-        self.observer = observer
+    def __init__(self, observer: Observer | None) -> None:
+        self.observer: Observer = observer or Silent()
         self.seconds: dict[str, float] = {}
+        self._stopped = False
+
+    def stop(self) -> None:
+        """End the run, from another thread, as Ctrl-C would, at the next thing it tells."""
+        self._stopped = True
+
+    def progress(self, stage: str, step: int, steps: int, found: Progress) -> None:
+        """Tell what a solver is at."""
+        if self._stopped:
+            self._stopped = False  # what is there is still judged, written and drawn
+            raise KeyboardInterrupt
+        self.observer.progress(stage, step, steps, found.iteration, found.residual, found.seconds)
 
     @contextmanager
     def phase(self, key: str, told: str | None = None) -> Iterator[None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from importlib import metadata
@@ -12,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.execution.observer import Clock, Observer, Silent
+from taichi_membrane.execution.observer import Clock, Observer
+from taichi_membrane.execution.turn import in_turn, refuse_within
 from taichi_membrane.names import Arch, Precision
 from taichi_membrane.scene import Camera, Scene
 
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from taichi_membrane.output.reader import SavedRun
     from taichi_membrane.output.writer import Writer
     from taichi_membrane.simulation.model import Model
-    from taichi_membrane.simulation.results import RunResult, Settings
+    from taichi_membrane.simulation.results import ProbeFunction, RunResult, Settings
     from taichi_membrane.simulation.solver_choice import SolverChoice
 
 
@@ -37,9 +39,12 @@ def run(
     threads: int | None = None,
     render: bool = True,
     repair: bool = False,
+    probes: Mapping[str, ProbeFunction] | None = None,
     observer: Observer | None = None,
 ) -> RunResult:
     """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
+
+    Several threads may call this: their runs are done one after another.
 
     :param scene: the scene, its file, or the name of a shipped one.
     :param mesh: a mesh object for a scene whose mesh is ``{"shape": "given"}``.
@@ -47,11 +52,14 @@ def run(
     :param base: folder that a relative mesh path starts from; when None that of the scene's file, else the current one.
     :param render: draw pictures and the curve (only with ``out``).
     :param repair: mend a mesh file where that is safe; ``RunResult.mesh.mended`` says what was done.
+    :param probes: what to measure at every load step beside the scene's probes, by name: functions of the mesh and the
+        :class:`StepResult`, which has everything else, that give a number.
     :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk; another
-        process that writes in ``out``. A step that does not converge raises nothing: it ends the run, and ``RunResult.converged``
-        says so.
+        run that writes in ``out``; a call from within another run. A step that does not converge raises nothing: it ends the run,
+        and ``RunResult.converged`` says so.
     """
-    clock = Clock(observer or Silent())
+    refuse_within()
+    clock = Clock(observer)
     if not isinstance(scene, Scene):
         from taichi_membrane.scene.file import load_scene, resolve_scene
 
@@ -60,39 +68,57 @@ def run(
     from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
     from taichi_membrane.simulation.results import Settings
 
-    with _sole_writer(out):
+    given, settings = mesh, Settings(arch=arch, precision=precision, threads=threads, render=render)
+
+    def work() -> RunResult:
         with clock.phase("setup", "reading the mesh"):
-            mesh = build_mesh(scene, base, repair=repair) if mesh is None else with_scene_groups(scene, mesh)
-            model = build_model(scene, mesh)
-        settings = Settings(arch=arch, precision=precision, threads=threads)
-        return _carry_out(model, settings, clock, out=out, render=render)
+            found = build_mesh(scene, base, repair=repair) if given is None else with_scene_groups(scene, given)
+            model = build_model(scene, found, probes)
+        return _carry_out(model, settings, clock, out=out)
+
+    with _sole_writer(out):
+        return in_turn(work, clock.stop)
 
 
-def resume(directory: Path, *, render: bool = True, observer: Observer | None = None) -> RunResult:
+def resume(
+    directory: Path,
+    *,
+    render: bool | None = None,
+    probes: Mapping[str, ProbeFunction] | None = None,
+    observer: Observer | None = None,
+) -> RunResult:
     """Go on with a run that was stopped, from its last whole load step; scene, mesh and settings are those in its folder.
 
     All numbers and files become what they would be had the run not been stopped, to the last bit, apart from times. Of a run that
     has ended, converged or not, nothing is done again: its result is read from its files.
 
     :param directory: the folder of the run.
-    :param render: draw pictures and the curve at the end, as in :func:`run`.
+    :param render: draw pictures and the curve at the end, as in :func:`run`; as the run was asked to when None.
+    :param probes: the functions that the run was begun with, if any.
     :raises InputError: the folder is not a run of this program, or is damaged; it was begun with other versions or on another back
         end; a file cannot be written; another process writes there.
     """
-    clock = Clock(observer or Silent())
+    refuse_within()
+    clock = Clock(observer)
     from taichi_membrane.output.reader import is_complete, read_run
     from taichi_membrane.simulation.model import build_model
 
-    with _sole_writer(None if is_complete(Path(directory)) else Path(directory)):
+    def work() -> RunResult:
         with clock.phase("setup", "reading the run"):
-            saved = _without_open_path(read_run(Path(directory)))
-            model = build_model(saved.scene, saved.mesh)
+            saved = read_run(Path(directory))
+            if not saved.complete:
+                _refuse_other_probes(saved, probes or {})
+            model = build_model(saved.scene, saved.mesh, probes)
         clock.observer.kept(saved.steps)
         if saved.complete:
             return _result(saved)
         for phase, seconds in saved.seconds.items():
             clock.seconds[phase] = clock.seconds.get(phase, 0.0) + seconds
-        return _carry_out(model, saved.settings, clock, out=saved.directory, render=render, saved=saved)
+        settings = saved.settings if render is None else replace(saved.settings, render=render)
+        return _carry_out(model, settings, clock, out=saved.directory, saved=saved)
+
+    with _sole_writer(None if is_complete(Path(directory)) else Path(directory)):
+        return in_turn(work, clock.stop)
 
 
 def _sole_writer(out: Path | None) -> AbstractContextManager[None]:
@@ -110,7 +136,7 @@ def _sole_writer(out: Path | None) -> AbstractContextManager[None]:
 
 
 def _carry_out(
-    model: Model, settings: Settings, clock: Clock, *, out: Path | None, render: bool, saved: SavedRun | None = None
+    model: Model, settings: Settings, clock: Clock, *, out: Path | None, saved: SavedRun | None = None
 ) -> RunResult:
     """Solve the load steps that are not saved yet; write, judge and draw all."""
     observer = clock.observer
@@ -121,13 +147,14 @@ def _carry_out(
         from taichi_membrane.simulation import analysis, probes
         from taichi_membrane.simulation.solver_choice import chosen_solver
 
-        if out is not None and render and not active.on_cpu:
+        if out is not None and settings.render and not active.on_cpu:
             from taichi_membrane.pictures.driver import check_driver
 
             check_driver()
     from taichi_membrane.simulation.results import RunResult
 
     probes.validate(model)
+    probes.validate_own(model)
     with clock.phase("setup"):
         solver = chosen_solver(model)
         model.structure.prepare(matrix=solver.kind != "relaxation")
@@ -144,10 +171,7 @@ def _carry_out(
     )  # fmt: skip
     try:
         observer.phase("solving")
-        steps = work.steps(
-            lambda stage, k, n, p: observer.progress(stage, k, n, p.iteration, p.residual, p.seconds),
-            done=result.steps,
-        )
+        steps = work.steps(clock.progress, done=result.steps)
         while (step := clock.timed("solve", lambda: next(steps, None))) is not None:
             result = replace(result, steps=(*result.steps, step))
             observer.step_done(step)
@@ -159,9 +183,9 @@ def _carry_out(
         raise  # a file that cannot be written, so nothing more is
     except BaseException:
         # Also after Ctrl-C: what was computed is judged, drawn and kept.
-        _finish(replace(result, outcome=work.outcome), writer, clock, render=render)
+        _finish(replace(result, outcome=work.outcome), writer, clock, render=settings.render)
         raise
-    return _finish(replace(result, outcome=work.outcome), writer, clock, render=render)
+    return _finish(replace(result, outcome=work.outcome), writer, clock, render=settings.render)
 
 
 def _writer(
@@ -181,20 +205,21 @@ def _writer(
         provenance=provenance,
         tri_fabric=structure.tri_fabric.astype(np.int32),
         saved=saved,
+        own_probes=model.own_probes,
     )
 
 
-def _without_open_path(saved: SavedRun) -> SavedRun:
-    """The run without the steps of the stage that it was in, where that can only be followed from its start: by arc length, or with
-    a chamber shut.
+def _refuse_other_probes(saved: SavedRun, given: Mapping[str, ProbeFunction]) -> None:
+    """Refuse to go on without the functions that the run measured with: files do not hold them.
 
-    How far along the path the next step goes, and what gas was shut in, is not in the steps' files.
+    :raises InputError: other names than those that the run was begun with.
     """
-    open_stages = [stage.name for stage in saved.scene.stages if stage.control == "arc_length" or stage.closed]
-    if saved.complete or not saved.steps or saved.steps[-1].stage not in open_stages:
-        return saved
-    count = sum(step.stage != saved.steps[-1].stage for step in saved.steps)
-    return replace(saved, steps=saved.steps[:count], records=saved.records[:count])
+    if set(given) != set(saved.own_probes):
+        begun, now = (", ".join(sorted(names)) or "none" for names in (saved.own_probes, given))
+        raise InputError(
+            f"{saved.directory}: this run was begun in Python with probes of its own: {begun}; given are: {now}; "
+            "go on with resume(..., probes={...}) and the same functions"
+        )
 
 
 def read_result(directory: Path) -> RunResult:
@@ -275,7 +300,7 @@ def redraw(directory: Path, *, camera: Camera | None = None, observer: Observer 
 
     :raises InputError: the folder is not a run of this program, or is damaged.
     """
-    observer = observer or Silent()
+    clock = Clock(observer)
     from taichi_membrane.device import runtime
     from taichi_membrane.output.reader import read_run
     from taichi_membrane.simulation.results import RunResult
@@ -283,18 +308,22 @@ def redraw(directory: Path, *, camera: Camera | None = None, observer: Observer 
     saved = read_run(directory)
     if not saved.steps:
         raise InputError(f"{directory}: this run has no load steps to draw")
-    runtime.start()  # before anything imports Taichi, whose banner would land on standard output
-    from taichi_membrane.pictures import gallery
-
     result = RunResult(
         scene=saved.scene, mesh=saved.mesh, steps=saved.steps, checks=(), seconds={}, provenance=saved.provenance
     )
-    observer.phase("drawing")
-    paths = []
-    for path in gallery.draw_run(result, directory, camera or saved.scene.camera):
-        observer.wrote(path)
-        paths.append(path)
-    return paths
+
+    def work() -> list[Path]:
+        runtime.start()  # before anything imports Taichi, whose banner would land on standard output
+        from taichi_membrane.pictures import gallery
+
+        clock.observer.phase("drawing")
+        paths = []
+        for path in gallery.draw_run(result, directory, camera or saved.scene.camera):
+            clock.observer.wrote(path)
+            paths.append(path)
+        return paths
+
+    return in_turn(work, clock.stop)
 
 
 def _provenance(model: Model, active: Runtime, solver: SolverChoice) -> dict[str, Any]:

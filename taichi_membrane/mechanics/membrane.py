@@ -8,10 +8,10 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import element, fabric
+from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.fields import MembraneFields
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.names import TAUT
-from taichi_membrane.solvers.record import ElementState
 
 
 @ti.data_oriented

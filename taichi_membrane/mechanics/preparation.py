@@ -4,17 +4,14 @@ gather lists."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_membrane.arrays import Floats, Ints
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SideStrain, WrinklingLaw
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.integer[Any]]  # node and element numbers
 
 
 @dataclass(frozen=True, kw_only=True)

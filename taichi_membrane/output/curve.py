@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from taichi_membrane.scene import Curve, Scene
-from taichi_membrane.scene.units import load_unit
+from taichi_membrane.scene.drivers import driver_label, driver_names
+from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 
 def quantity_names(scene: Scene) -> list[str]:
-    """Probes, ``volume``, ``pressure.NAME``, ``load.NAME`` and ``motion.NAME`` of a scene."""
-    acting = {"pressure": list(scene.pressures), "load": list(scene.loads), "motion": list(scene.motions)}
-    factors = [f"{kind}.{name}" for kind, names in acting.items() for name in names]
-    return list(dict.fromkeys([*scene.probes, "volume", *factors]))
+    """Probes, ``volume`` and the drivers of a scene."""
+    return list(dict.fromkeys([*scene.probes, "volume", *driver_names(scene)]))
 
 
-def factor_unit(scene: Scene, name: str) -> str:
-    """What follows a load's factor in text: its unit, or that it multiplies the direction."""
-    unit = load_unit(scene, name)
-    return f" {unit}" if unit else " × direction"
+def quantity_label(scene: Scene, quantity: str) -> str:
+    """Name and unit of what a curve plots, for an axis."""
+    if quantity in scene.probes:
+        words, unit = quantity.replace("_", " "), probe_unit(scene, quantity)
+    elif quantity == "volume":
+        words, unit = quantity, scene.units.volume
+    elif quantity == "pressure":
+        words, unit = quantity, scene.units.stress
+    else:
+        words, unit = quantity.replace(".", " "), driver_label(scene, quantity)
+    return f"{words} [{unit}]" if unit else words
 
 
 def curve_steps(result: RunResult, curve: Curve) -> list[StepResult]:

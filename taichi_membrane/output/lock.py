@@ -1,4 +1,4 @@
-"""One process at a time writes in a run's folder: a lock that the system itself takes back from a process that dies."""
+"""One process at a time writes in the folder of a run or study: a lock that the system takes back from a process that dies."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ _TAKEN = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 
 
 @contextmanager
-def sole_writer(directory: Path) -> Iterator[None]:
+def sole_writer(directory: Path, kind: str = "run") -> Iterator[None]:
     """Keep other processes that ask for the same out of a folder.
 
     The folder is made where it is missing, and gone again if nothing was put into it. The file that is locked holds the number of
     the process; it is removed at the end, but the lock does not depend on that.
 
+    :param kind: what writes there, ``run`` or ``study``, for the message to the second one.
     :raises InputError: another process is at work there; the folder cannot be made, written or locked.
     """
     missing = [one for one in (directory, *directory.parents) if not one.exists()]
@@ -33,7 +34,7 @@ def sole_writer(directory: Path) -> Iterator[None]:
         raise InputError(f"{directory}: the output folder cannot be made: {error.strerror}") from error
     path = directory / LOCK
     try:
-        descriptor = _taken(path)
+        descriptor = _taken(path, kind)
         try:
             yield
         finally:
@@ -44,7 +45,7 @@ def sole_writer(directory: Path) -> Iterator[None]:
                 one.rmdir()
 
 
-def _taken(path: Path) -> int:
+def _taken(path: Path, kind: str) -> int:
     """Descriptor of the locked file, with the number of this process in it."""
     while True:
         try:
@@ -52,7 +53,7 @@ def _taken(path: Path) -> int:
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
         try:
-            _lock(path, descriptor)
+            _lock(path, descriptor, kind)
             if _is_file_at(path, descriptor):  # and not one that its last holder has just removed
                 os.ftruncate(descriptor, 0)
                 os.write(descriptor, str(os.getpid()).encode())
@@ -66,7 +67,7 @@ def _taken(path: Path) -> int:
         os.close(descriptor)
 
 
-def _lock(path: Path, descriptor: int) -> None:
+def _lock(path: Path, descriptor: int, kind: str) -> None:
     """Lock an open file, or tell who has it."""
     try:
         if sys.platform == "win32":
@@ -82,13 +83,14 @@ def _lock(path: Path, descriptor: int) -> None:
     except OSError as error:
         if error.errno not in _TAKEN:
             raise InputError(
-                f"{path.parent}: the output folder cannot be locked against other runs ({error.strerror}); give one on "
+                f"{path.parent}: the output folder cannot be locked against others ({error.strerror}); give one on "
                 "another file system"
             ) from error
         os.lseek(descriptor, 0, os.SEEK_SET)
         holder = os.read(descriptor, 32).decode(errors="replace") or "unknown"
         raise InputError(
-            f"{path.parent}: another run writes in this folder (process {holder}); wait for it or end it, or give another folder"
+            f"{path.parent}: another {kind} writes in this folder (process {holder}); wait for it or end it, or give another "
+            "folder"
         ) from error
 
 

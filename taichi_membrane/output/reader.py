@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from taichi_membrane import fields as tables
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.mesh.check import frozen
@@ -28,13 +29,15 @@ from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
 from taichi_membrane.simulation.policy import Passage
-from taichi_membrane.simulation.results import ElementFields, Floats, ModeResult, Settings, StepResult
+from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
+from taichi_membrane.simulation.state import PathState, State
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 4
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 5
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
+PATH = "path_"  # begins the names of what a stage by arc length goes on from
+PATH_ARRAYS = ("path_tangent", "path_advance")
 MODE = "mode_"  # begins the name of a mode shape in a step's file
-FABRIC_AXES = ("warp", "weft", "shear")  # end the names of stress and strain arrays in a step's file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +47,7 @@ class SavedRun:
     :param steps: whole load steps; ``records`` is what the summary has of each.
     :param seconds: time spent in each phase so far.
     :param complete: all is done, the last summary included; nothing is left to do. ``outcome`` then tells how it ended.
+    :param own_probes: names of its probes beside the scene's.
     :param mesh_checksum: SHA-256 of mesh.vtu.
     :param files: what the run wrote, in order.
     """
@@ -53,6 +57,7 @@ class SavedRun:
     mesh: Mesh
     steps: tuple[StepResult, ...]
     settings: Settings
+    own_probes: tuple[str, ...]
     provenance: dict[str, Any]
     seconds: dict[str, float]
     complete: bool
@@ -79,6 +84,7 @@ def read_run(directory: Path) -> SavedRun:
             mesh=mesh,
             steps=tuple(_step(directory, mesh, record) for record in records),
             settings=_settings(**summary["settings"]),
+            own_probes=tuple(map(str, summary["own_probes"])),
             provenance=dict(summary["provenance"]),
             seconds=_numbers(summary["seconds"]),
             complete=bool(summary["complete"]),
@@ -158,9 +164,11 @@ def _damage_told(directory: Path) -> Iterator[None]:
         raise InputError(f"{directory / SUMMARY}: damaged: {type(error).__name__}: {error}") from error
 
 
-def _settings(arch: Any, precision: Any, threads: Any) -> Settings:
+def _settings(arch: Any, precision: Any, threads: Any, render: Any) -> Settings:
     """What the run was asked for; the names are checked where Taichi is started."""
-    return Settings(arch=arch, precision=precision, threads=None if threads is None else int(threads))
+    return Settings(
+        arch=arch, precision=precision, threads=None if threads is None else int(threads), render=bool(render)
+    )
 
 
 def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
@@ -206,30 +214,18 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
     def per_node(name: str) -> Floats:
         return _array(path, content.point_data, name, (mesh.node_count, 3))
 
-    def per_element(name: str, *width: int) -> Floats:
-        return _array(path, cells, name, (mesh.tri_count, *width))
-
-    elements = ElementFields(
-        strain=np.stack([per_element(f"strain_{axis}") for axis in FABRIC_AXES], axis=1),
-        stress=np.stack([per_element(f"stress_{axis}") for axis in FABRIC_AXES], axis=1),
-        state=per_element("state").astype(np.int8),
-        fold_strain=per_element("fold_strain"),
-        taut_margin=per_element("taut_margin"),
-        slack_margin=per_element("slack_margin"),
-        major_stress=per_element("major_stress"),
-        minor_stress=per_element("minor_stress"),
-        major_direction=per_element("major_direction", 3),
-    )
+    fields: dict[str, NDArray[Any]] = {}
+    for field in tables.FIELDS:
+        arrays = content.point_data if field.place == "node" else cells
+        shape = field.shape(mesh.node_count, mesh.tri_count)
+        parts = [_array(path, arrays, one, shape[:1] if field.split else shape) for one in field.arrays]
+        fields[field.name] = (np.stack(parts, axis=1) if field.split else parts[0]).astype(field.dtype)
     return StepResult(
         number=int(record["number"]),
         stage=str(record["stage"]),
         stage_step=int(record["stage_step"]),
-        pressures=_numbers(record["pressures"]),
-        loads=_numbers(record["loads"]),
-        motions=_numbers(record["motions"]),
-        displacement=per_node("displacement"),
-        reaction=per_node("reaction"),
-        elements=elements,
+        drivers=_numbers(record["drivers"]),
+        fields=fields,
         probes=_numbers(record["probes"]),
         volume=_number(record["volume"]),
         energy=None if record["energy"] is None else float(record["energy"]),
@@ -245,7 +241,8 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         limit=None if record["limit"] is None else {key: (low, high) for key, (low, high) in record["limit"].items()},
         seconds=_number(record["seconds"]),
         trace=tuple(Passage(event=event, share=float(share)) for event, share in record["trace"]),
-        stiffest=float(record["stiffest"]),
+        unknown={str(name): str(why) for name, why in record["unknown"].items()},
+        state=_state(record, fields["displacement"], per_node),
     )
 
 
@@ -254,6 +251,26 @@ def _modes(record: dict[str, Any], shape: Callable[[str], Floats]) -> ModeResult
     shapes = [shape(f"{MODE}{number}") for number in range(1, len(record["values"]) + 1)]
     values = tuple(map(_number, record["values"]))
     return ModeResult(kind=record["kind"], values=values, shapes=np.stack(shapes) if shapes else np.zeros((0, 0, 3)))
+
+
+def _state(record: dict[str, Any], displacement: Floats, per_node: Callable[[str], Floats]) -> State:
+    """What a load step hands on."""
+    given = record["state"]
+    path = None
+    if given["path"] is not None:
+        tangent, advance = map(per_node, PATH_ARRAYS)
+        scalars = given["path"]
+        path = PathState(
+            factor=float(scalars["factor"]), tangent=tangent, advance=advance, negative=int(scalars["negative"]),
+            length=float(scalars["length"]),
+        )  # fmt: skip
+    return State(
+        displacement=displacement,
+        drivers=_numbers(record["drivers"]),
+        stiffest=float(given["stiffest"]),
+        shut={name: (float(volume), float(pressure)) for name, (volume, pressure) in given["shut"].items()},
+        path=path,
+    )
 
 
 def _number(value: Any) -> float:

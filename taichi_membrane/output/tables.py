@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from taichi_membrane.output.curve import factor_unit
 from taichi_membrane.scene import Scene
-from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.scene.drivers import driver_label, driver_names, driver_unit
+from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import CheckResult, StepResult
 
@@ -71,15 +71,15 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
         Column("step", [str(step.number) for step in steps]),
         Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
         *(
-            number_column(name, scene.units.stress, [step.pressures[name] for step in steps])
-            for name in scene.pressures
+            number_column(name.partition(".")[2], driver_unit(scene, name), [step.drivers[name] for step in steps])
+            for name in driver_names(scene)
         ),
-        *(number_column(name, load_unit(scene, name), [step.loads[name] for step in steps]) for name in scene.loads),
         *(
-            number_column(name, motion_unit(scene, name), [step.motions[name] for step in steps])
-            for name in scene.motions
+            number_column(
+                name, probe_unit(scene, name) if name in scene.probes else "", [step.probes[name] for step in steps]
+            )
+            for name in (steps[0].probes if steps else scene.probes)
         ),
-        *(number_column(name, probe_unit(scene, name), [step.probes[name] for step in steps]) for name in scene.probes),
         replace(number_column("volume", scene.units.volume, [step.volume for step in steps]), rank=2),
         Column("wrinkled", [f"{count['wrinkled'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]),
         Column("slack", slack, rank=_rank(slack)),
@@ -113,10 +113,12 @@ def step_words(scene: Scene, step: StepResult) -> str:
     """A load step in one line: stage, what acts, and whether it is an equilibrium."""
     count = next(stage.steps for stage in scene.stages if stage.name == step.stage)
     parts = [f"{step.stage} {step.stage_step}/{count}"]
-    several = len(step.pressures) > 1
-    parts += [f"{name if several else 'p'} = {v:.4g} {scene.units.stress}" for name, v in step.pressures.items() if v]
-    parts += [f"{name} = {v:.4g}{factor_unit(scene, name)}" for name, v in step.loads.items() if v]
-    parts += [f"{name} = {v:.4g} {motion_unit(scene, name)}" for name, v in step.motions.items() if v]
+    alone = len(step.pressures) == 1
+    for driver, value in step.drivers.items():
+        kind, _, name = driver.partition(".")
+        if value:
+            words = "p" if kind == "pressure" and alone else name
+            parts.append(f"{words} = {value:.4g} {driver_label(scene, driver)}".rstrip())
     if not step.converged:
         parts.append("NOT CONVERGED: last equilibrium")
     elif step.limit is not None:

@@ -13,7 +13,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,17 +23,19 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_membrane import fields
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.lock import LOCK
 from taichi_membrane.output.reader import (
-    FABRIC_AXES,
     FORMAT,
     FORMAT_VERSION,
     GROUP,
     MESH,
     MODE,
+    PATH,
+    PATH_ARRAYS,
     SUMMARY,
     SavedRun,
     file_checksum,
@@ -41,9 +43,11 @@ from taichi_membrane.output.reader import (
     summary_checksum,
 )
 from taichi_membrane.scene import Scene
-from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.scene.drivers import driver_names, driver_unit
+from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import RunResult, Settings, StepResult
+from taichi_membrane.simulation.state import State
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
 
@@ -65,6 +69,7 @@ class Writer:
     :param settings: what was asked for, and ``provenance`` what really ran; both go into the summary.
     :param tri_fabric: (tri_count,) fabric number of each element.
     :param saved: the run in ``directory`` to go on with.
+    :param own_probes: names of probes beside the scene's.
     :raises InputError: the folder cannot be made or written, or holds files but no run of this program.
     """
 
@@ -78,11 +83,13 @@ class Writer:
         provenance: Mapping[str, Any],
         tri_fabric: NDArray[np.int32],
         saved: SavedRun | None = None,
+        own_probes: Collection[str] = (),
     ) -> None:
         self.directory = directory
         self._scene, self._mesh, self._tri_fabric = scene, mesh, tri_fabric
         self._settings, self._provenance = settings, dict(provenance)
-        self._columns = _columns(scene)
+        self._own_probes = tuple(own_probes)
+        self._columns = _columns(scene, self._own_probes)
         self._rows: list[list[object]] = []
         self._records: list[dict[str, Any]] = []
         self._noted: list[Path] = []
@@ -152,15 +159,14 @@ class Writer:
 
     def _write_arrays(self, path: Path, step: StepResult) -> str:
         """Points are unstressed and the displacement a vector, so that ParaView's Warp By Vector gives the deformed shape."""
-        fields = step.elements
-        cells: dict[str, NDArray[Any]] = {"state": fields.state}
-        for name in ("fold_strain", "major_stress", "minor_stress", "major_direction", "taut_margin", "slack_margin"):
-            cells[name] = getattr(fields, name)
-        for number, axis in enumerate(FABRIC_AXES):
-            cells[f"stress_{axis}"] = fields.stress[:, number]
-            cells[f"strain_{axis}"] = fields.strain[:, number]
+        places: dict[str, dict[str, NDArray[Any]]] = {"node": {}, "element": {}}
+        for field in fields.FIELDS:
+            values = step.fields[field.name]
+            places[field.place] |= zip(field.arrays, values.T if field.split else [values], strict=True)
+        points, cells = places["node"], places["element"]
         cells["fabric"] = self._tri_fabric
-        points = {"displacement": step.displacement, "reaction": step.reaction}
+        if step.state.path is not None:
+            points |= {name: getattr(step.state.path, name.removeprefix(PATH)) for name in PATH_ARRAYS}
         if step.modes is not None:
             points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
         return _write_vtu(path, self._mesh, points, cells)
@@ -206,6 +212,9 @@ class Writer:
                 "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
             },
             "files": [path.name for path in self._files()],
+            "fields": _field_notes(self._scene),
+            "probes": {name: probe_unit(self._scene, name) for name in self._scene.probes},
+            "own_probes": self._own_probes,
             "steps": self._records,
             "scene": self._scene.model_dump(mode="json"),
         }
@@ -216,16 +225,14 @@ class Writer:
         return path
 
 
-def _columns(scene: Scene) -> list[Column]:
+def _columns(scene: Scene, own_probes: Collection[str]) -> list[Column]:
     """Headers of the history and where their values come from; units in brackets."""
     units = scene.units
     first: list[Column] = [
         ("step", lambda s: s.number),
         ("stage", lambda s: s.stage),
         ("stage_step", lambda s: s.stage_step),
-        *((_header(f"load.{n}", load_unit(scene, n)), _named("loads", n)) for n in scene.loads),
-        *((_header(f"motion.{n}", motion_unit(scene, n)), _named("motions", n)) for n in scene.motions),
-        *((_header(f"pressure.{n}", units.stress), _named("pressures", n)) for n in scene.pressures),
+        *((_header(name, driver_unit(scene, name)), _named("drivers", name)) for name in driver_names(scene)),
         (_header("volume", units.volume), lambda s: s.volume),
     ]
     last: list[Column] = [
@@ -244,8 +251,10 @@ def _columns(scene: Scene) -> list[Column]:
         ("seconds", lambda s: s.seconds),
     ]
     taken = {header.partition(" ")[0] for header, _ in [*first, *last]}
+    named = {**{name: probe_unit(scene, name) for name in scene.probes}, **dict.fromkeys(own_probes, "")}
     probes: list[Column] = [
-        (_header(f"probe.{n}" if n in taken else n, probe_unit(scene, n)), _named("probes", n)) for n in scene.probes
+        (_header(f"probe.{name}" if name in taken else name, unit), _named("probes", name))
+        for name, unit in named.items()
     ]
     return [*first, *probes, *last]
 
@@ -260,17 +269,38 @@ def _header(name: str, unit: str) -> str:
 
 def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
     """A load step in the summary: all but its arrays."""
-    arrays = ("displacement", "reaction", "elements", "modes", "trace")
-    scalars = {key: value for key, value in vars(step).items() if key not in arrays}
+    scalars = {key: value for key, value in vars(step).items() if key not in ("fields", "modes", "trace", "state")}
     modes = None if step.modes is None else {"kind": step.modes.kind, "values": step.modes.values}
     trace = [[one.event, one.share] for one in step.trace]
     return {
         **scalars,
         "trace": trace,
+        "state": _state_record(step.state),
         "modes": modes,
         "element_states": step.elements.count(),
         "file": file,
         "sha256": checksum,
+    }
+
+
+def _state_record(state: State) -> dict[str, Any]:
+    """What a load step hands on, but its displacements and drivers, which stand beside it, and the arrays of its path."""
+    path = state.path
+    scalars = None if path is None else {"factor": path.factor, "negative": path.negative, "length": path.length}
+    return {"stiffest": state.stiffest, "shut": state.shut, "path": scalars}
+
+
+def _field_notes(scene: Scene) -> dict[str, dict[str, Any]]:
+    """What the arrays of a step's file mean."""
+    return {
+        field.name: {
+            "arrays": field.arrays,
+            "place": field.place,
+            "meaning": field.meaning,
+            "unit": getattr(scene.units, field.unit) if field.unit else "",
+            **({"measure": f"{field.measure}: {fields.MEASURES[field.measure]}"} if field.measure else {}),
+        }
+        for field in fields.FIELDS
     }
 
 

@@ -10,14 +10,14 @@ from scipy.sparse import csr_array
 
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import STATE_NAMES
-from taichi_membrane.output.curve import curve_steps, factor_unit, quantity_names
+from taichi_membrane.output.curve import curve_steps, quantity_label, quantity_names
 from taichi_membrane.output.tables import step_words
 from taichi_membrane.page import geometry
 from taichi_membrane.page.fields import DISPLACEMENT, ELEMENT_FIELDS, REACTION, unit
 from taichi_membrane.page.pack import FULL_SCALE, Entry, Pack, finite_range
 from taichi_membrane.pictures.colours import PALETTE, RAMP
 from taichi_membrane.scene import Scene
-from taichi_membrane.scene.units import quantity_label
+from taichi_membrane.scene.drivers import driver_label
 from taichi_membrane.simulation.results import Floats, RunResult, StepResult
 
 # How far marks keep apart, in radii of all that is shown: near enough to tell the field, far enough to be told from each other.
@@ -128,7 +128,7 @@ def _marks(pack: Pack, result: RunResult, radius: float) -> dict[str, Any]:
                 "nodes": pack.add(nodes[geometry.apart(mesh.points[nodes], ARROWS * radius)], "u32"),
                 "factors": [_plain(factor) for factor in factors],
                 "labels": [
-                    f"{name} {abs(factor):.4g}{factor_unit(scene, name)}" for factor in factors
+                    f"{name} {abs(factor):.4g} {driver_label(scene, f'load.{name}')}" for factor in factors
                 ],  # the arrow turns
             }
         )

@@ -15,11 +15,11 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from taichi_membrane.output.atomic import replacing
+from taichi_membrane.output.curve import quantity_label
 from taichi_membrane.parametric.rows import Row, SweepTable, numeric_inputs
 from taichi_membrane.parametric.statistics import CONFIDENCE, Importance, importance
 from taichi_membrane.parametric.summary import counts, named
 from taichi_membrane.pictures.plots import COLOURS, DPI, FONT, GREY, INK
-from taichi_membrane.scene.units import quantity_label
 
 _MOST_INPUTS, _MOST_QUANTITIES = 6, 6  # panels a side that can still be read on a page
 _PANEL = 2.1  # inches

@@ -15,11 +15,11 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.output.atomic import replacing
+from taichi_membrane.output.curve import quantity_label
 from taichi_membrane.output.lock import LOCK
 from taichi_membrane.parametric.fit import CONFIDENCE, FitResult
 from taichi_membrane.parametric.plan import VERSIONED
 from taichi_membrane.pictures.plots import COLOURS, DPI, FONT, GREY, INK
-from taichi_membrane.scene.units import quantity_label
 
 _RESULT = "fit.json"
 

@@ -10,7 +10,8 @@ from typing import Any
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.parametric.plan import SweepPlan, Trial
-from taichi_membrane.scene.units import load_unit, probe_unit
+from taichi_membrane.scene.drivers import driver_unit
+from taichi_membrane.scene.units import probe_unit
 
 HELD = (
     "interrupted",
@@ -124,7 +125,7 @@ class SweepTable:
         if quantity in scene.probes:
             return probe_unit(scene, quantity)
         _, kind, name = quantity.split(".", 2)
-        return scene.units.stress if kind == "pressure" else load_unit(scene, name)
+        return driver_unit(scene, f"{kind}.{name}")
 
     def values(self, quantity: str) -> list[float | None]:
         """Of every row; None where its run has none that counts.

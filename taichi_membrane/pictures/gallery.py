@@ -7,16 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from taichi_membrane import fields
 from taichi_membrane.mechanics.preparation import Floats
-from taichi_membrane.output.curve import curve_steps
+from taichi_membrane.output.curve import curve_steps, quantity_label
 from taichi_membrane.output.tables import step_words
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
-from taichi_membrane.scene import Camera, Curve, Scene
-from taichi_membrane.scene.units import quantity_label
+from taichi_membrane.scene import Camera, Curve
 from taichi_membrane.simulation.results import RunResult, StepResult
-
-_SCALAR_LABEL = {"fold_strain": "strain in folds", "major_stress": "major stress", "displacement": "displacement"}
 
 
 def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Path]:
@@ -30,7 +28,7 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
         size=camera.size,
     )
     look = Look(
-        field="state" if camera.field == "state" else "scalar",
+        field="state" if fields.named(camera.field).picture == "states" else "scalar",
         azimuth=camera.azimuth,
         elevation=camera.elevation,
         projection=camera.projection,
@@ -57,13 +55,11 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
 
 
 def _scalar(step: StepResult, camera: Camera) -> Floats | None:
-    if camera.field == "fold_strain":
-        return step.elements.fold_strain
-    if camera.field == "major_stress":
-        return step.elements.major_stress
-    if camera.field == "displacement":
-        return np.asarray(np.linalg.norm(step.displacement, axis=1))
-    return None
+    """What the colour scale shows, of a vector its length; None where states are shown."""
+    if fields.named(camera.field).picture == "states":
+        return None
+    values = step.fields[camera.field]
+    return np.asarray(values if values.ndim == 1 else np.linalg.norm(values, axis=1))
 
 
 def _scalar_range(steps: tuple[StepResult, ...], camera: Camera) -> tuple[float, float] | None:
@@ -73,12 +69,6 @@ def _scalar_range(steps: tuple[StepResult, ...], camera: Camera) -> tuple[float,
         return None
     low, high = min(v.min() for v in values), max(v.max() for v in values)
     return (float(low), float(high)) if high > low else (float(low), float(low) + (abs(float(low)) or 1.0))
-
-
-def _scalar_label(scene: Scene, camera: Camera) -> str:
-    unit = {"major_stress": scene.units.stress, "displacement": scene.units.length}.get(camera.field)
-    label = _SCALAR_LABEL.get(camera.field, "")
-    return f"{label} [{unit}]" if unit else label
 
 
 def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
@@ -94,7 +84,7 @@ def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
         slack_margin=step.elements.slack_margin,
         wrinkle_direction=step.elements.major_direction,
         scalar=_scalar(step, camera),
-        scalar_label=_scalar_label(scene, camera),
+        scalar_label=fields.named(camera.field).label(scene.units),
         title=scene.title or scene.name,
         subtitle=step_words(scene, step),
         length_unit=scene.units.length,

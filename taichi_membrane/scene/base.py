@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 # Products of six such numbers, as areas squared and energies are, neither overflow nor vanish in double precision.
 LARGEST, SMALLEST = 1e30, 1e-30
@@ -41,6 +45,16 @@ Component = Literal["x", "y", "z"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
 MOST = 1000  # entries of a table or list of a scene: each one may cost an array of the mesh's size
 Count = Annotated[int, Field(ge=1, le=100_000)]
+
+
+@dataclass(frozen=True)
+class AllowedNames:
+    """Marks a text that must be one of some names, for the schema: they are asked for when it is made."""
+
+    names: Callable[[], list[str]]
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {**handler(core), "enum": self.names()}
 
 
 class Record(BaseModel):

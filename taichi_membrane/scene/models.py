@@ -10,10 +10,23 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from taichi_membrane import fields
 from taichi_membrane.names import SideStrain, WrinklingLaw
-from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Label, Name, Positive, Record, Vector
+from taichi_membrane.scene import drivers
+from taichi_membrane.scene.base import (
+    MOST,
+    AllowedNames,
+    Direction,
+    Finite,
+    GroupName,
+    Label,
+    Name,
+    Positive,
+    Record,
+    Vector,
+)
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
 from taichi_membrane.scene.support import Motion, Support
@@ -42,6 +55,11 @@ class Units(Record):
     def volume(self) -> str:
         """Label of volume."""
         return f"{self.length}³"
+
+    @property
+    def resultant(self) -> str:
+        """Label of force per width."""
+        return f"{self.force}/{self.length}"
 
     @property
     def area(self) -> str:
@@ -247,11 +265,18 @@ class Check(Record):
         return self
 
 
+def _drawn(name: str) -> str:
+    """Refuse what no picture can show."""
+    if name not in fields.drawn():
+        raise ValueError(f"pictures cannot show {name!r}; allowed: {', '.join(fields.drawn())}")
+    return name
+
+
 class Camera(Record):
     """How the pictures look; one camera and one colour range serve all steps of a run."""
 
-    field: Literal["state", "fold_strain", "major_stress", "displacement"] = "state"
-    """What the colours show."""
+    field: Annotated[str, AfterValidator(_drawn), AllowedNames(fields.drawn)] = "state"
+    """What the colours show: wrinkling states, or a field by a colour scale."""
     azimuth: Finite = -60.0
     """Where the camera stands, about z [degrees]."""
     elevation: Annotated[float, Field(ge=-90, le=90)] = 20.0
@@ -428,12 +453,9 @@ class Scene(Record):
             self._check_closed(stage)
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
                 raise ValueError(f"stages.{stage.name}.control = 'arc_length' needs solver.kind 'hybrid' or 'newton'")
-            for load in stage.loads:
-                _known(load, self.loads, f"stages.{stage.name}.loads", "a load")
-            for motion in stage.motions:
-                _known(motion, self.motions, f"stages.{stage.name}.motions", "a motion")
-            for pressure in stage.pressure if isinstance(stage.pressure, dict) else ():
-                _known(pressure, self.pressures, f"stages.{stage.name}.pressure", "a pressure")
+            for kind in drivers.DRIVERS:
+                for name in kind.asked(stage, ()):
+                    _known(name, kind.defined(self), f"stages.{stage.name}.{kind.key}", f"a {kind.name}")
             if isinstance(stage.pressure, float) and len(self.pressures) != 1:
                 raise ValueError(
                     f"stages.{stage.name}.pressure is one number, but there are {len(self.pressures)} pressures "
@@ -461,21 +483,14 @@ class Scene(Record):
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
             raise ValueError("modes and derivatives need the tangent of solver.kind 'hybrid' or 'newton'")
         if self.curve is not None:
-            allowed = [*self.probes, "volume", "pressure", *(f"pressure.{p}" for p in self.pressures)]
-            allowed += [f"load.{name}" for name in self.loads] + [f"motion.{name}" for name in self.motions]
+            allowed = [*self.probes, "volume", "pressure", *drivers.driver_names(self)]
             _known(self.curve.x, allowed, "curve.x", "a quantity")
             _known(self.curve.y, allowed, "curve.y", "a quantity")
             if self.curve.stage is not None:
                 _known(self.curve.stage, names, "curve.stage", "a stage")
         for name, probe in self.probes.items():
             if isinstance(probe, FactorProbe):
-                factors = [f"load.{one}" for one in self.loads] + [f"motion.{one}" for one in self.motions]
-                _known(
-                    probe.of,
-                    [*factors, *(f"pressure.{one}" for one in self.pressures)],
-                    f"probes.{name}.of",
-                    "a factor",
-                )
+                _known(probe.of, drivers.driver_names(self), f"probes.{name}.of", "a factor")
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self

@@ -76,10 +76,23 @@ class VolumeProbe(Record):
 
 
 class StressProbe(Record):
-    """Extreme or area-mean principal stress of an element group."""
+    """Extreme or area-mean principal stress (second Piola–Kirchhoff, on the unstressed fabric) of an element group."""
 
     kind: Literal["stress"]
-    """Principal stress [force/length²]."""
+    """Principal stress, second Piola–Kirchhoff [force/length²]."""
+    group: GroupName = "all"
+    """Element group."""
+    which: Literal["major", "minor"] = "major"
+    """Major or minor one."""
+    reduce: Literal["max", "min", "mean"] = "max"
+    """Extreme or area mean."""
+
+
+class ResultantProbe(Record):
+    """Extreme or area-mean principal stress resultant (Cauchy, on the deformed fabric) of an element group."""
+
+    kind: Literal["resultant"]
+    """Principal Cauchy stress resultant [force/length]."""
     group: GroupName = "all"
     """Element group."""
     which: Literal["major", "minor"] = "major"
@@ -94,7 +107,7 @@ class FactorProbe(Record):
 
     kind: Literal["factor"]
     """Value of a driver."""
-    of: Annotated[str, Field(pattern=r"^(load|motion|pressure)\.\w+$")]
+    of: Annotated[str, Field(pattern=r"^\w+\.\w+$")]
     """``load.NAME``, ``motion.NAME`` or ``pressure.NAME``."""
 
 
@@ -117,6 +130,7 @@ Probe = Annotated[
     | RadiusProbe
     | VolumeProbe
     | StressProbe
+    | ResultantProbe
     | FactorProbe
     | AreaProbe,
     Field(discriminator="kind"),

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 
 from taichi_membrane.scene import Scene
+from taichi_membrane.scene.base import AllowedNames
 from taichi_membrane.scene.file import shipped_scenes
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -96,7 +97,9 @@ def page() -> str:
         for key, field in model.model_fields.items():
             default = "" if field.is_required() else f"`{_written(field.get_default(call_default_factory=True))}`"
             example = f"`{_written(examples()[model, key])}`" if (model, key) in examples() else ""
-            cells = (f"`{key}`", _kind(field.annotation), default, meanings(model)[key].replace("``", "`"), example)
+            named = next((one for one in field.metadata if isinstance(one, AllowedNames)), None)
+            kind = _kind(field.annotation) if named is None else ", ".join(f"`{name}`" for name in named.names())
+            cells = (f"`{key}`", kind, default, meanings(model)[key].replace("``", "`"), example)
             lines.append("| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 

@@ -15,6 +15,7 @@ from taichi_membrane.simulation.measure import Measure
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import StepResult
+from taichi_membrane.simulation.state import PathState, State
 from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.path import PathPoint
 from taichi_membrane.solvers.record import Progress, SolveRecord
@@ -60,18 +61,16 @@ class Analysis:
     ) -> Iterator[StepResult]:
         """Yield each load step as it is done; stop after the first that does not reach its load.
 
-        :param done: the first load steps, from an earlier analysis, which are not done again; of a stage by arc length all or none.
+        :param done: the first load steps, from an earlier analysis, which are not done again.
         """
         state = unloaded(self.model.scene)
         number = 0
-        if done:
-            self.measure.again(done[-1])
-            self.stiffest.value = done[-1].stiffest
         for stage in self.model.scene.stages:
             course = Course(state, stage_target(state, stage))
             if done and stage.name == done[-1].stage:
-                self.stiffest.resume(course.start.change(course.target))
-            self.equilibrium.shut(stage.closed, state)
+                self._go_on(done[-1], course)
+            elif number >= len(done):
+                self.equilibrium.shut(stage.closed, state)
             run_stage = self._arc_length_stage if stage.control == "arc_length" else self._load_stage
             had = [step for step in done if step.stage == stage.name]
             for result in run_stage(number, stage, course, had, progress):
@@ -84,11 +83,18 @@ class Analysis:
                 if result.limit is not None and stage.until == "target":
                     self.outcome = "collapse"
                     return
-                state = LoadState(result.pressures, result.loads, result.motions)
+                state = LoadState(result.drivers)
             if missed := _missed(stage, result, course):
                 self.outcome = missed
                 return
         self.outcome = "finished"
+
+    def _go_on(self, step: StepResult, course: Course) -> None:
+        """Take over the state that a load step, from an earlier analysis, has handed on."""
+        self.equilibrium.gone_on(step.state.shut)
+        self.measure.again(step)
+        self.stiffest.value = step.state.stiffest
+        self.stiffest.resume(course.start.change(course.target))
 
     def _load_stage(
         self,
@@ -118,7 +124,7 @@ class Analysis:
 
         def finished(share: float, record: SolveRecord, limit: Limit | None = None) -> StepResult:
             step = self.measure.step(number, stage, k, course, share, record, cuts, started, limit=limit)
-            return replace(step, trace=tuple(trace), stiffest=self.stiffest.value)
+            return replace(step, trace=tuple(trace), state=replace(step.state, stiffest=self.stiffest.value))
 
         while True:
             aim = min(end, reached + size)
@@ -156,17 +162,20 @@ class Analysis:
         progress: ProgressCallback | None,
     ) -> Iterator[StepResult]:
         """Steps along the equilibrium path, through limit points, until the stage's loads are reached or its steps are used up."""
-        if had:
-            yield from had
-            return
+        yield from had
+        if had and (had[-1].state.path is None or had[-1].state.path.factor == 1.0):
+            return  # it has ended
         newton = self.newton
         assert newton is not None  # chosen_solver refuses arc length without it
         path = self.equilibrium.path(Way(newton, course.start, course.target, self.equilibrium.press))
         started = time.perf_counter()
         origin = self.membrane.displacement()
-        point = path.start(origin, 0.0)
-        length = 0.0 if point is None else point.length_for(1.0 / stage.steps)
-        for k in range(1, stage.steps + 1):
+        if had:
+            point, length = _path_point(had[-1].state)
+        else:
+            point = path.start(origin, 0.0)
+            length = 0.0 if point is None else point.length_for(1.0 / stage.steps)
+        for k in range(len(had) + 1, stage.steps + 1):
             following: PathPoint | None = None
             if point is not None:
                 following, length = path.step(point, length)
@@ -191,7 +200,8 @@ class Analysis:
                     record, reason=f"the steps are used up at {100.0 * point.factor:.4g} % of the stage's way"
                 )
             step = self.measure.step(number + k - 1, stage, k, course, point.factor, record, 0, started)
-            yield replace(step, trace=(Passage(event="path", share=point.factor),))
+            state = replace(step.state, path=_path_state(point, length))
+            yield replace(step, trace=(Passage(event="path", share=point.factor),), state=state)
             started = time.perf_counter()
             if point.factor == 1.0:
                 return
@@ -219,6 +229,24 @@ def _report(stage: Stage, k: int, progress: ProgressCallback | None) -> Report:
     return None if progress is None else lambda p: progress(stage.name, k, stage.steps, p)
 
 
+def _path_state(point: PathPoint, length: float) -> PathState:
+    """What a path needs of a point to go on from it, and the length to try."""
+    return PathState(
+        factor=point.factor, tangent=point.tangent, advance=point.advance, negative=point.negative, length=length
+    )
+
+
+def _path_point(state: State) -> tuple[PathPoint | None, float]:
+    """The point of a path that a load step ended at, and the length to try next."""
+    at = state.path
+    assert at is not None
+    point = PathPoint(
+        position=state.displacement, factor=at.factor, tangent=at.tangent, negative=at.negative, advance=at.advance,
+        iterations=0, residual=0.0,
+    )  # fmt: skip
+    return point, at.length
+
+
 def _walked(point: PathPoint | None, *, converged: bool = True, reason: str = "residual") -> SolveRecord:
     """Record of a step by arc length."""
     return SolveRecord(
@@ -235,39 +263,21 @@ def _missed(stage: Stage, last: StepResult, course: Course) -> Outcome | None:
     """How the run ends where a stage has not come to the end it names; None where it has."""
     if stage.until == "collapse" and last.limit is None:
         return "no collapse"
-    reached = LoadState(last.pressures, last.loads, last.motions) == course.target
+    reached = LoadState(last.drivers) == course.target
     if stage.control == "arc_length" and stage.until == "target" and not reached:
         return "steps used up"
     return None
 
 
-def _drivers(course: Course) -> list[tuple[str, str]]:
-    """Kind and name of the values that change along a course."""
-    kinds = (("pressure", "pressures"), ("load", "loads"), ("motion", "motions"))
-    return [
-        (kind, name)
-        for kind, table in kinds
-        for name in getattr(course.start, table)
-        if getattr(course.start, table)[name] != getattr(course.target, table)[name]
-    ]
-
-
-def _value(state: LoadState, kind: str, name: str) -> float:
-    values: dict[str, float] = getattr(state, f"{kind}s")
-    return values[name]
-
-
 def _bracket(course: Course, lower: float, upper: float) -> Limit:
     """Bounds of each value that changes along a course, at two shares of it."""
     low, high = course.at(lower), course.at(upper)
-    return {f"{kind}.{name}": (_value(low, kind, name), _value(high, kind, name)) for kind, name in _drivers(course)}
+    return {name: (low.values[name], high.values[name]) for name in course.changing()}
 
 
 def _no_collapse(course: Course) -> str:
     """What a stage that should have met its largest stable load says at its end."""
-    return "no collapse up to " + ", ".join(
-        f"{kind}.{name} = {_value(course.target, kind, name):.6g}" for kind, name in _drivers(course)
-    )
+    return "no collapse up to " + ", ".join(f"{name} = {course.target.values[name]:.6g}" for name in course.changing())
 
 
 def _collapse(limit: Limit) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -87,21 +87,34 @@ class Equilibrium:
     def apply(self, state: LoadState) -> None:
         """Set pressures, loads and prescribed displacements."""
         if self.model.motions:
-            self.membrane.set_displacement(self.model.moved(self.membrane.displacement(), state.motions))
+            self.membrane.set_displacement(self.model.moved(self.membrane.displacement(), state))
         self.press(state)
 
     def press(self, state: LoadState) -> None:
         """Set pressures and loads."""
-        self.membrane.set_pressures(self.model.chamber_pressures(state.pressures))
-        self.membrane.set_loads(self.model.nodal_loads(state.pressures, state.loads))
+        self.membrane.set_pressures(self.model.chamber_pressures(state))
+        self.membrane.set_loads(self.model.nodal_loads(state))
         if self.gas is not None:
             self.gas.settle()
 
     def shut(self, names: Sequence[str], state: LoadState) -> None:
         """Shut the valves of the named chambers at the present state, a load state's equilibrium, and open all others."""
-        chambers = []
+        swept = self.membrane.swept_volumes(self.membrane.displacement()) if names else np.zeros(0)
+        found = {}
         for name in names:
-            swept = self.membrane.swept_volumes(self.membrane.displacement())
+            triangles, rest_volume = self.model.enclosing(self.model.pressure_names.index(name))
+            found[name] = (rest_volume + float(swept[triangles].sum()), state.pressures[name])
+        self.gone_on(found)
+
+    def handed_on(self) -> dict[str, tuple[float, float]]:
+        """Volume and pressure of each shut chamber when its valve was shut, by its pressure's name."""
+        chambers = () if self.gas is None else self.gas.chambers
+        return {self.model.pressure_names[one.number]: (one.volume, one.pressure) for one in chambers}
+
+    def gone_on(self, shut: Mapping[str, tuple[float, float]]) -> None:
+        """Let chambers be shut that were so at a volume and a pressure, and all others open."""
+        chambers = []
+        for name, (volume, value) in shut.items():
             pressure, number = self.model.scene.pressures[name], self.model.pressure_names.index(name)
             triangles, rest_volume = self.model.enclosing(number)
             chambers.append(
@@ -111,21 +124,21 @@ class Equilibrium:
                     rest_volume=rest_volume,
                     ambient=pressure.ambient or 0.0,
                     exponent=pressure.exponent,
-                    volume=rest_volume + float(swept[triangles].sum()),
-                    pressure=state.pressures[name],
+                    volume=volume,
+                    pressure=value,
                 )
             )
         self.gas = Gas(self.membrane, tuple(chambers)) if chambers else None
         if self.newton is not None:
             self.newton.fill(self.gas)
 
-    def pressures(self, state: LoadState) -> dict[str, float]:
-        """The pressures of a load state; those of shut chambers as they now are."""
+    def settled(self, state: LoadState) -> LoadState:
+        """A load state with the pressures of shut chambers as they now are."""
         if self.gas is None:
-            return state.pressures
+            return state
         now = self.membrane.pressures()
-        shut = {self.model.pressure_names[one.number]: float(now[one.number]) for one in self.gas.chambers}
-        return {**state.pressures, **shut}
+        names = {f"pressure.{self.model.pressure_names[one.number]}": one.number for one in self.gas.chambers}
+        return LoadState({**state.values, **{name: float(now[number]) for name, number in names.items()}})
 
     def step(
         self,
@@ -202,7 +215,7 @@ class Equilibrium:
         return newton.solve(
             tolerance=self.tolerance,
             reference=reference,
-            loads=self.model.nodal_loads(state.pressures, state.loads),
+            loads=self.model.nodal_loads(state),
             max_iterations=limit,
             report=report,
         )
@@ -225,7 +238,7 @@ class Equilibrium:
         if any(state.motions.values()):
             return self._reactions()
         targets = stage_targets(self.model.scene)
-        return max(self.model.reference_load(one.pressures, one.loads) for one in targets) or 1.0
+        return max(self.model.reference_load(one) for one in targets) or 1.0
 
     def _reactions(self) -> Reference:
         """Size of the support forces at the present state, for a membrane that motions alone act on.
@@ -246,4 +259,4 @@ class Equilibrium:
 
     def _applied(self, state: LoadState) -> float:
         """Size of the applied loads and of prestress; 0 where there are none."""
-        return float(np.hypot(self.model.reference_load(state.pressures, state.loads), self.membrane.prestress_norm()))
+        return float(np.hypot(self.model.reference_load(state), self.membrane.prestress_norm()))

@@ -1,41 +1,59 @@
-"""The values of all pressures, loads and motions at one instant, and how stages ramp them."""
+"""The values of all drivers (pressures, loads, motions) at one instant, and how stages ramp them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.scene import Scene, Stage
+from taichi_membrane.scene.drivers import driver_names, stage_values
+
+
+def of_kind(values: Mapping[str, float], kind: str) -> dict[str, float]:
+    """The values of one kind of drivers by their bare names: of ``load.tip``, ``tip``."""
+    return {
+        name: value for (head, _, name), value in ((key.partition("."), v) for key, v in values.items()) if head == kind
+    }
 
 
 @dataclass(frozen=True)
 class LoadState:
-    """Values of all pressures, load factors and motion factors at one instant."""
+    """Values of all drivers at one instant, by names such as ``load.tip``."""
 
-    pressures: dict[str, float]
-    loads: dict[str, float]
-    motions: dict[str, float]
+    values: Mapping[str, float]
+
+    @classmethod
+    def of(cls, **kinds: Mapping[str, float]) -> LoadState:
+        """From the values of each kind by bare names: ``of(pressure={"inside": 0.03}, load={"tip": 10.0})``."""
+        return cls({f"{kind}.{name}": value for kind, named in kinds.items() for name, value in named.items()})
+
+    @property
+    def pressures(self) -> dict[str, float]:
+        """Value of each pressure."""
+        return of_kind(self.values, "pressure")
+
+    @property
+    def loads(self) -> dict[str, float]:
+        """Factor of each load."""
+        return of_kind(self.values, "load")
+
+    @property
+    def motions(self) -> dict[str, float]:
+        """Factor of each motion."""
+        return of_kind(self.values, "motion")
 
     def toward(self, other: LoadState, fraction: float) -> LoadState:
         """The state at a fraction of the way to another one, or beyond it; exactly the other one at 1."""
         if fraction == 1.0:
             return other
-
-        def mix(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:
-            return {name: a[name] + fraction * (b[name] - a[name]) for name in a}
-
-        return LoadState(
-            mix(self.pressures, other.pressures), mix(self.loads, other.loads), mix(self.motions, other.motions)
-        )
+        return LoadState({name: was + fraction * (other.values[name] - was) for name, was in self.values.items()})
 
     def change(self, other: LoadState) -> Floats:
         """The change of all values to another state, in a fixed order."""
-        return np.subtract(other._values(), self._values())
-
-    def _values(self) -> list[float]:
-        return [*self.pressures.values(), *self.loads.values(), *self.motions.values()]
+        return np.array([other.values[name] - was for name, was in self.values.items()])
 
 
 @dataclass(frozen=True)
@@ -49,20 +67,19 @@ class Course:
         """The state at a share of the way."""
         return self.start.toward(self.target, share)
 
+    def changing(self) -> list[str]:
+        """The drivers whose value changes along it."""
+        return [name for name, value in self.start.values.items() if value != self.target.values[name]]
+
 
 def unloaded(scene: Scene) -> LoadState:
     """The state before the first stage."""
-    return LoadState(*(dict.fromkeys(names, 0.0) for names in (scene.pressures, scene.loads, scene.motions)))
+    return LoadState(dict.fromkeys(driver_names(scene), 0.0))
 
 
 def stage_target(before: LoadState, stage: Stage) -> LoadState:
     """State at a stage's end: what the stage does not name keeps its value."""
-    pressures = dict(before.pressures)
-    if isinstance(stage.pressure, dict):
-        pressures.update(stage.pressure)
-    elif stage.pressure is not None:
-        pressures.update(dict.fromkeys(pressures, stage.pressure))
-    return LoadState(pressures, {**before.loads, **stage.loads}, {**before.motions, **stage.motions})
+    return LoadState({**before.values, **stage_values(before.values, stage)})
 
 
 def stage_targets(scene: Scene) -> list[LoadState]:

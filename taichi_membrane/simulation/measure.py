@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -13,10 +13,13 @@ from taichi_membrane.scene import Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import Course, LoadState
-from taichi_membrane.simulation.results import ElementFields, ModeResult, StepResult
+from taichi_membrane.simulation.present import Present
+from taichi_membrane.simulation.results import ModeResult, StepResult
+from taichi_membrane.simulation.solver_choice import chosen_solver
+from taichi_membrane.simulation.state import State
 from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.newton import AnyFactor
-from taichi_membrane.solvers.record import ElementState, SolveRecord
+from taichi_membrane.solvers.record import SolveRecord
 
 
 @dataclass(frozen=True)
@@ -60,31 +63,33 @@ class Measure:
         """
         state = course.at(share)
         self.equilibrium.apply(state)
-        state = replace(state, pressures=self.equilibrium.pressures(state))
+        state = self.equilibrium.settled(state)
         displacement = self.membrane.displacement()
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
         self.membrane.set_displacement(displacement)
-        elements = self._element_fields(self.membrane.element_state(), displacement)
-        dead = self.model.nodal_loads(state.pressures, state.loads)
+        dead = self.model.nodal_loads(state)
         local = self.membrane.in_frames(-self.membrane.out_of_balance())
         reaction = self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0))
+        present = Present(
+            structure=self.model.structure,
+            displacement=displacement,
+            reaction=reaction,
+            elements=self.membrane.element_state(),
+        )
+        values = present.fields()
         volume = self._rest_volume + float(self.membrane.swept_volumes(displacement).sum())
         energy = self.membrane.potential_energy(dead)[0] if self._has_energy else None
         if energy is not None and self.equilibrium.gas is not None:
             energy += self.equilibrium.gas.energy()
         at_rest = self._at_rest(stage, course, share) if record.converged else AtRest()
-        return StepResult(
+        step = StepResult(
             number=number,
             stage=stage.name,
             stage_step=k,
-            pressures=state.pressures,
-            loads=state.loads,
-            motions=state.motions,
-            displacement=displacement,
-            reaction=reaction,
-            elements=elements,
-            probes=probes.evaluate(self.model, displacement, reaction, elements, volume, state),
+            drivers=state.values,
+            fields=values,
+            probes=probes.evaluate(self.model, values, volume, state),
             volume=volume,
             energy=energy,
             solver=record.method,
@@ -98,13 +103,16 @@ class Measure:
             limit=limit,
             derivatives=at_rest.derivatives,
             modes=at_rest.modes,
+            unknown=self._unknown(stage, course, at_rest, converged=record.converged, limited=limit is not None),
+            state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
             seconds=time.perf_counter() - started,
         )
+        return probes.with_own(self.model, step)
 
     def again(self, step: StepResult) -> None:
         """Bring the membrane back to the state that a step left it in."""
-        self.membrane.set_displacement(step.displacement)
-        self.equilibrium.apply(LoadState(step.pressures, step.loads, step.motions))
+        self.membrane.set_displacement(step.state.displacement)
+        self.equilibrium.apply(LoadState(step.state.drivers))
         if step.converged:
             # Handed on to the next step; a new one of a barely definite matrix may be refused.
             self._tangent(step.stage)
@@ -115,10 +123,13 @@ class Measure:
 
     def _tangent(self, stage: str) -> AnyFactor | None:
         """The factorised tangent at the present state, where it is used and not singular."""
-        newton, scene = self.equilibrium.newton, self.model.scene
-        if newton is None or not (scene.solver.stability or scene.derivatives or self._modes_asked(stage)):
-            return None
-        return newton.at_rest()
+        newton = self.equilibrium.newton
+        return newton.at_rest() if newton is not None and self._tangent_asked(stage) else None
+
+    def _tangent_asked(self, stage: str) -> bool:
+        """Whether the scene asks for what only a tangent tells."""
+        scene = self.model.scene
+        return scene.solver.stability or bool(scene.derivatives) or self._modes_asked(stage) is not None
 
     def _at_rest(self, stage: Stage, course: Course, share: float) -> AtRest:
         """What the tangent at an equilibrium tells, where it is used and not singular."""
@@ -136,35 +147,34 @@ class Measure:
             shapes = modes.buckling(path, displacement, share, factor, asked)
         return AtRest(factor.negative, found, shapes)
 
+    def _unknown(
+        self, stage: Stage, course: Course, found: AtRest, *, converged: bool, limited: bool
+    ) -> dict[str, str]:
+        """Why there is no value of what a step could tell."""
+        scene, newton = self.model.scene, self.equilibrium.newton
+        if not converged:
+            why = "the state is no equilibrium"
+        elif newton is None:
+            why = f"relaxation has no tangent ({chosen_solver(self.model).reason or 'solver.kind = relaxation'})"
+        elif self._tangent_asked(stage.name):
+            why = "the tangent is singular"
+        else:
+            why = "solver.stability is off"
+        reasons = {}
+        if found.negative_pivots is None:
+            reasons["stable"] = why
+        if not found.derivatives:
+            reasons["derivatives"] = why if scene.derivatives else "the scene asks for none"
+        if found.modes is None:
+            asked = self._modes_asked(stage.name)
+            still = found.negative_pivots is not None and course.start == course.target
+            reasons["modes"] = (
+                "the scene asks for none here" if asked is None else "the stage changes nothing" if still else why
+            )
+        if not limited:
+            reasons["limit"] = why if newton is None or not converged else "none was met"
+        return reasons
+
     @cached_property
     def _mass(self) -> Floats:
         return modes.nodal_mass(self.model)
-
-    def _element_fields(self, state: ElementState, displacement: Floats) -> ElementFields:
-        """Add principal stresses and the direction of the major one on the deformed elements."""
-        warp, weft, shear = state.stress.T
-        mean, half = 0.5 * (warp + weft), 0.5 * (warp - weft)
-        radius = np.hypot(half, shear)
-        angle = 0.5 * np.arctan2(shear, half)
-        geometry = self.membrane.geometry
-        at_rest = np.cos(angle)[:, None] * geometry.warp + np.sin(angle)[:, None] * geometry.weft
-        return ElementFields(
-            **vars(state),
-            major_stress=mean + radius,
-            minor_stress=mean - radius,
-            major_direction=self._pushed_forward(at_rest, displacement),
-        )
-
-    def _pushed_forward(self, tangent: Floats, displacement: Floats) -> Floats:
-        """Unit tangent vectors of the deformed elements that the given ones at rest are carried to."""
-        mesh = self.model.structure.mesh
-        rest = mesh.points[mesh.triangles]
-        first, second = rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]
-        normal = np.cross(first, second)
-        squared = np.einsum("ij,ij->i", normal, normal)
-        along_first = np.einsum("ij,ij->i", np.cross(tangent, second), normal) / squared
-        along_second = np.einsum("ij,ij->i", np.cross(first, tangent), normal) / squared
-        now = rest + displacement[mesh.triangles]
-        moved = along_first[:, None] * (now[:, 1] - now[:, 0]) + along_second[:, None] * (now[:, 2] - now[:, 0])
-        length = np.linalg.norm(moved, axis=1, keepdims=True)
-        return np.asarray(moved / np.where(length > 0.0, length, 1.0))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import spatial
 
-from taichi_membrane import bounds, shapes
+from taichi_membrane import bounds, fields, shapes
 from taichi_membrane import mesh as meshes
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics import preparation
@@ -18,12 +19,15 @@ from taichi_membrane.mechanics.preparation import FabricConstants, Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.mesh.topology import edge_table
-from taichi_membrane.scene import Fabric, Load, Rotation, Scene, Translation
+from taichi_membrane.scene import Fabric, Load, Pressure, Rotation, Scene, Translation
+from taichi_membrane.scene.drivers import kind_named
+from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.results import ProbeFunction
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
-# for every load step (displacements, reactions, element fields); besides, the record of a step.
+# for every load step (its fields); besides, the record of a step.
 _NODE_BYTES, _TRIANGLE_BYTES = 150, 250
-_STEP_NODE_BYTES, _STEP_TRIANGLE_BYTES, _STEP_BYTES = 48, 113, 2000
+_STEP_BYTES = 2000
 
 _SHAPES: dict[str, Callable[..., Mesh]] = {
     "tube": shapes.tube,
@@ -61,17 +65,17 @@ class Model:
 
     :param structure: mesh, fabrics, supports and pressure surfaces.
     :param pressure_names: name of each follower pressure, in the order of the structure's chamber numbers.
-    :param unit_loads: (n, 3) nodal forces of each load at factor 1.
-    :param unit_pressures: (n, 3) nodal forces of each fixed pressure at value 1.
+    :param unit_forces: (n, 3) dead nodal forces at value 1 of each driver that has some, by names such as ``load.tip``.
     :param motions: prescribed motions of node groups.
+    :param own_probes: what is measured at every load step beside the scene's probes, by name.
     """
 
     scene: Scene
     structure: Structure
     pressure_names: tuple[str, ...]
-    unit_loads: Mapping[str, Floats]
-    unit_pressures: Mapping[str, Floats]
+    unit_forces: Mapping[str, Floats]
     motions: Mapping[str, PrescribedMotion]
+    own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
 
     def fabric_names(self) -> list[tuple[str, Fabric]]:
         """The scene's fabrics with the element group of each, in the order of the structure's fabric numbers."""
@@ -84,34 +88,32 @@ class Model:
         corners = mesh.points[mesh.triangles[triangles]] - mesh.points.mean(axis=0)
         return triangles, float(np.linalg.det(corners).sum() / 6.0)
 
-    def nodal_loads(self, pressures: Mapping[str, float], loads: Mapping[str, float]) -> Floats:
-        """(n, 3) dead nodal forces at the given load factors and fixed pressures."""
+    def nodal_loads(self, state: LoadState) -> Floats:
+        """(n, 3) dead nodal forces of all drivers."""
         total = np.zeros((self.structure.mesh.node_count, 3))
-        for name, unit in self.unit_loads.items():
-            total += loads[name] * unit
-        for name, unit in self.unit_pressures.items():
-            total += pressures[name] * unit
+        for driver, unit in self.unit_forces.items():
+            total += state.values[driver] * unit
         return total
 
-    def moved(self, displacement: Floats, factors: Mapping[str, float]) -> Floats:
-        """Displacements with the prescribed components at their values for the given motion factors."""
+    def moved(self, displacement: Floats, state: LoadState) -> Floats:
+        """Displacements with the prescribed components at their values in a load state."""
         result = displacement.copy()
         for name, motion in self.motions.items():
-            target = motion.displacement(self.structure.mesh.points, factors[name])
+            target = motion.displacement(self.structure.mesh.points, state.values[f"motion.{name}"])
             for c in motion.components:
                 result[motion.nodes, c] = target[:, c]
         return result
 
-    def chamber_pressures(self, pressures: Mapping[str, float]) -> Floats:
+    def chamber_pressures(self, state: LoadState) -> Floats:
         """Value of each follower pressure."""
-        return np.array([pressures[name] for name in self.pressure_names])
+        return np.array([state.values[f"pressure.{name}"] for name in self.pressure_names])
 
-    def reference_load(self, pressures: Mapping[str, float], loads: Mapping[str, float]) -> float:
+    def reference_load(self, state: LoadState) -> float:
         """2-norm of all applied nodal forces, to which residuals are compared: pressure on the unstressed shape, and dead loads."""
         structure = self.structure
-        values = np.append(self.chamber_pressures(pressures), 0.0)  # chamber -1 is no pressure
+        values = np.append(self.chamber_pressures(state), 0.0)  # chamber -1 is no pressure
         pressing = preparation.nodal_pressure(structure.mesh, values[structure.tri_chamber])
-        dead = self.nodal_loads(pressures, loads)
+        dead = self.nodal_loads(state)
         return float(np.sqrt(np.vdot(pressing, pressing) + np.vdot(dead, dead)))
 
 
@@ -145,21 +147,16 @@ def with_scene_groups(scene: Scene, mesh: Mesh) -> Mesh:
     return meshes.with_groups(mesh, chosen["nodes"], chosen["elements"])
 
 
-def build_model(scene: Scene, mesh: Mesh) -> Model:
+def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction] | None = None) -> Model:
     """Fabrics, supports and loads of a scene on its mesh.
 
+    :param own_probes: what to measure beside the scene's probes.
     :raises InputError: unknown groups, elements without a fabric, no warp direction, supports that leave a rigid motion.
     """
     _check_memory(scene, mesh)
     fabrics, tri_fabric = _fabrics(scene, mesh)
     tri_chamber, pressure_names = _chambers(scene, mesh)
-    unit_loads = {name: _unit_load(load, mesh, f"loads.{name}") for name, load in scene.loads.items()}
-    unit_pressures = {}
-    for name, pressure in scene.pressures.items():
-        if pressure.kind == "fixed" and _pressure_used(scene, name):
-            mask = np.zeros(mesh.tri_count)
-            mask[group_triangles(mesh, pressure.group, f"pressures.{name}.group")] = 1.0
-            unit_pressures[name] = preparation.nodal_pressure(mesh, mask)
+    unit_forces = _unit_forces(scene, mesh)
     held, frame = _held(scene, mesh)
     motions = _motions(scene, mesh, held, frame)
     left = meshes.rigid_motions_left(mesh, held, frame)
@@ -173,23 +170,23 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
         node_held=held,
         node_frame=frame,
         tri_chamber=tri_chamber,
-        loads=bool(unit_loads or unit_pressures),
+        loads=bool(unit_forces),
     )
     return Model(
         scene=scene,
         structure=structure,
         pressure_names=pressure_names,
-        unit_loads=unit_loads,
-        unit_pressures=unit_pressures,
+        unit_forces=unit_forces,
         motions=motions,
+        own_probes=dict(own_probes or {}),
     )
 
 
 def _check_memory(scene: Scene, mesh: Mesh) -> None:
     """Refuse now what could only fail after hours: all load steps are kept until the last one is drawn."""
     steps = sum(stage.steps for stage in scene.stages)
-    node_bytes = _NODE_BYTES + _STEP_NODE_BYTES * steps + 24 * len(scene.loads)
-    tri_bytes = _TRIANGLE_BYTES + _STEP_TRIANGLE_BYTES * steps
+    node_bytes = _NODE_BYTES + fields.step_bytes("node") * steps + 24 * len(scene.loads)
+    tri_bytes = _TRIANGLE_BYTES + fields.step_bytes("element") * steps
     short = bounds.shortage(mesh.node_count * node_bytes + mesh.tri_count * tri_bytes + _STEP_BYTES * steps)
     if short is not None:
         counts = (
@@ -381,8 +378,30 @@ def _motions(scene: Scene, mesh: Mesh, held: NDArray[np.bool_], frame: Floats | 
     return motions
 
 
-def _unit_load(load: Load, mesh: Mesh, key: str) -> Floats:
+def _unit_forces(scene: Scene, mesh: Mesh) -> dict[str, Floats]:
+    """(n, 3) dead nodal forces at value 1 of each driver that has some."""
+    found = {}
+    for kind, unit_force in DEAD_FORCES.items():
+        entry = kind_named(kind)
+        for name, driver in entry.defined(scene).items():
+            force = unit_force(scene, mesh, name, driver)
+            if force is not None:
+                found[f"{kind}.{name}"] = force
+    return found
+
+
+def _fixed_pressure(scene: Scene, mesh: Mesh, name: str, pressure: Pressure) -> Floats | None:
+    """(n, 3) nodal forces of a pressure that keeps its direction, at value 1; None of others and of one that is never used."""
+    if pressure.kind != "fixed" or not _pressure_used(scene, name):
+        return None
+    mask = np.zeros(mesh.tri_count)
+    mask[group_triangles(mesh, pressure.group, f"pressures.{name}.group")] = 1.0
+    return preparation.nodal_pressure(mesh, mask)
+
+
+def _unit_load(scene: Scene, mesh: Mesh, name: str, load: Load) -> Floats:
     """(n, 3) nodal forces of a load at factor 1."""
+    key = f"loads.{name}"
     force = np.zeros((mesh.node_count, 3))
     direction = np.array(load.direction)
     if load.kind == "area":
@@ -419,3 +438,10 @@ def _tributary_length(mesh: Mesh, nodes: Ints, key: str) -> Floats:
     length = np.linalg.norm(mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], axis=1)
     total = np.bincount(edges.ravel(), weights=np.repeat(0.5 * length, 2), minlength=mesh.node_count)
     return np.asarray(total, dtype=np.float64)
+
+
+# Dead nodal forces at value 1 by kinds of drivers; in this order they are summed.
+DEAD_FORCES: dict[str, Callable[[Scene, Mesh, str, Any], Floats | None]] = {
+    "load": _unit_load,
+    "pressure": _fixed_pressure,
+}

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from taichi_membrane import scene as scenes
+from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
+from taichi_membrane.scene.base import Name
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import Model, group_nodes, group_triangles
-from taichi_membrane.simulation.results import CheckResult, ElementFields, StepResult
+from taichi_membrane.simulation.results import CheckResult, FieldValues, StepResult
+
+_NAME = TypeAdapter[str](Name)
 
 
 def validate(model: Model) -> None:
@@ -23,25 +29,56 @@ def validate(model: Model) -> None:
     mesh = model.structure.mesh
     for name, probe in model.scene.probes.items():
         key = f"probes.{name}.group"
-        if isinstance(probe, scenes.StressProbe | scenes.AreaProbe):
+        if isinstance(probe, scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe):
             group_triangles(mesh, probe.group, key)
         elif not isinstance(probe, scenes.VolumeProbe | scenes.FactorProbe):
             group_nodes(mesh, probe.group, key)
 
 
-def evaluate(
-    model: Model, displacement: Floats, reaction: Floats, elements: ElementFields, volume: float, state: LoadState
-) -> dict[str, float]:
+def validate_own(model: Model) -> None:
+    """Refuse probes of one's own that cannot stand beside the scene's.
+
+    :raises InputError: a name that is taken or that no scene would allow; what cannot be called.
+    """
+    for name, function in model.own_probes.items():
+        if name in model.scene.probes:
+            raise InputError(f"probes: {name!r} is a probe of the scene already; give another name")
+        try:
+            _NAME.validate_python(name)
+        except ValidationError:
+            raise InputError(f"probes: {name!r} is no name: a letter, then letters, digits and _, at most 60") from None
+        if not callable(function):
+            raise InputError(f"probes: {name!r} is {function!r}; give a function of the mesh and the load step")
+
+
+def with_own(model: Model, step: StepResult) -> StepResult:
+    """The load step with the values of the probes of one's own.
+
+    :raises InputError: one of them gives no number.
+    """
+    values = dict(step.probes)
+    for name, function in model.own_probes.items():
+        value = function(model.structure.mesh, step)
+        try:
+            values[name] = float(value)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"probes: {name!r} gave {value!r} at {step.stage} {step.stage_step}; a number is needed"
+            ) from None
+    return replace(step, probes=values)
+
+
+def evaluate(model: Model, fields: FieldValues, volume: float, state: LoadState) -> dict[str, float]:
     """Value of every probe of the scene, in its units."""
     mesh = model.structure.mesh
+    displacement, reaction = fields["displacement"], fields["reaction"]
     values: dict[str, float] = {}
     for name, probe in model.scene.probes.items():
         key = f"probes.{name}.group"
         if isinstance(probe, scenes.VolumeProbe):
             values[name] = volume
         elif isinstance(probe, scenes.FactorProbe):
-            kind, _, factor = probe.of.partition(".")
-            values[name] = getattr(state, f"{kind}s")[factor]
+            values[name] = state.values[probe.of]
         elif isinstance(probe, scenes.DisplacementProbe):
             mean = displacement[group_nodes(mesh, probe.group, key)].mean(axis=0)
             values[name] = (
@@ -62,7 +99,7 @@ def evaluate(
             nodes = group_nodes(mesh, probe.group, key)
             values[name] = _mean_radius((mesh.points + displacement)[nodes], probe.axis)
         else:
-            values[name] = _over_elements(probe, elements, mesh.tri_areas(), group_triangles(mesh, probe.group, key))
+            values[name] = _over_elements(probe, fields, mesh.tri_areas(), group_triangles(mesh, probe.group, key))
     return values
 
 
@@ -91,13 +128,13 @@ def _mean_radius(positions: Floats, axis: str) -> float:
 
 
 def _over_elements(
-    probe: scenes.StressProbe | scenes.AreaProbe, elements: ElementFields, area: Floats, group: Ints
+    probe: scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe, fields: FieldValues, area: Floats, group: Ints
 ) -> float:
     weights = area[group]
     if isinstance(probe, scenes.AreaProbe):
-        in_state = elements.state[group] == STATE_NAMES.index(probe.state)
+        in_state = fields["state"][group] == STATE_NAMES.index(probe.state)
         return float(weights[in_state].sum() / weights.sum())
-    stress = (elements.major_stress if probe.which == "major" else elements.minor_stress)[group]
+    stress = fields[f"{probe.which}_{probe.kind}"][group]
     if probe.reduce == "mean":
         return float(np.average(stress, weights=weights))
     return float(stress.max() if probe.reduce == "max" else stress.min())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -9,26 +10,33 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_membrane import fields
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, Outcome, Precision
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.load_state import of_kind
 from taichi_membrane.simulation.policy import Trace
-from taichi_membrane.solvers.record import ElementState
+from taichi_membrane.simulation.state import State
 
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ElementFields(ElementState):
-    """What each triangle does; (m,) arrays unless said otherwise.
+FieldValues = Mapping[str, NDArray[Any]]
 
-    :param major_stress: major principal stress; ``minor_stress`` the other one.
-    :param major_direction: (m, 3) unit vector of the major stress on the deformed element; wrinkles run along it.
+
+@dataclass(frozen=True, eq=False)
+class ElementFields:
+    """What each triangle does: the element fields of :data:`taichi_membrane.fields.FIELDS` as attributes, such as ``major_stress``.
+
+    :param values: arrays by name.
     """
 
-    major_stress: Floats
-    minor_stress: Floats
-    major_direction: Floats
+    values: FieldValues
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        if name == "values" or name not in self.values:  # the former while a copy is made
+            raise AttributeError(f"no element field {name!r}")
+        return self.values[name]
 
     def count(self) -> dict[str, int]:
         """Numbers of taut, wrinkled and slack elements."""
@@ -56,8 +64,9 @@ class StepResult:
     """One load step.
 
     :param number: 0, 1, … over the whole run; ``stage_step`` counts 1, 2, … within ``stage``.
-    :param pressures: each pressure's value; ``loads`` and ``motions`` each one's factor.
-    :param displacement: (n, 3) nodal displacements; ``reaction`` (n, 3) support forces, zero at free components.
+    :param drivers: value of each pressure, factor of each load and motion, by names such as ``load.tip``; ``pressures``, ``loads``
+        and ``motions`` are those of one kind by their bare names.
+    :param fields: the values of every field of :data:`taichi_membrane.fields.FIELDS` by name; see there for shapes and units.
     :param volume: enclosed volume of a closed body, else the volume swept since rest.
     :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy.
     :param converged: False marks a state that is *not* an equilibrium; ``reason`` says why.
@@ -67,20 +76,15 @@ class StepResult:
     :param limit: where the step met collapse, bounds of each pressure and load (``load.tip``) at the largest stable load; the
         step's own state is the equilibrium at the lower one.
     :param trace: what the step went through, each passage at a share of the stage's course.
-    :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.load_step.Stiffest`; the next step
-        needs it.
-    :param derivatives: of each probe asked for, with respect to ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``.
+    :param unknown: why there is no value of ``stable``, ``derivatives``, ``modes`` or ``limit``, of those that have none.
+    :param state: what it hands to the next step: the run goes on from it.
     """
 
     number: int
     stage: str
     stage_step: int
-    pressures: dict[str, float]
-    loads: dict[str, float]
-    motions: dict[str, float]
-    displacement: Floats
-    reaction: Floats
-    elements: ElementFields
+    drivers: Mapping[str, float]
+    fields: FieldValues
     probes: dict[str, float]
     volume: float
     energy: float | None
@@ -94,25 +98,57 @@ class StepResult:
     limit: dict[str, tuple[float, float]] | None
     derivatives: dict[str, dict[str, float]]
     modes: ModeResult | None
+    state: State
     seconds: float
+    unknown: Mapping[str, str] = field(default_factory=dict)
     trace: Trace = ()
-    stiffest: float = 0.0
 
     @property
     def stable(self) -> bool | None:
-        """Whether the equilibrium is stable; None where nothing is known of it."""
+        """Whether the equilibrium is stable; None where nothing is known of it, and ``unknown`` says why."""
         return None if self.negative_pivots is None else self.negative_pivots == 0
 
     def quantity(self, name: str) -> float:
-        """What a curve plots: a probe, ``volume``, ``pressure``, ``pressure.NAME``, ``load.NAME`` or ``motion.NAME``."""
+        """What a curve plots: a probe, ``volume``, ``pressure`` (the first) or a driver such as ``load.tip``."""
         if name in self.probes:
             return self.probes[name]
-        kind, _, of = name.partition(".")
         if name == "volume":
             return self.volume
-        if kind == "pressure":
-            return self.pressures[of or next(iter(self.pressures))]
-        return (self.motions if kind == "motion" else self.loads)[of]
+        return next(iter(self.pressures.values())) if name == "pressure" else self.drivers[name]
+
+    @property
+    def pressures(self) -> dict[str, float]:
+        """Value of each pressure."""
+        return of_kind(self.drivers, "pressure")
+
+    @property
+    def loads(self) -> dict[str, float]:
+        """Factor of each load."""
+        return of_kind(self.drivers, "load")
+
+    @property
+    def motions(self) -> dict[str, float]:
+        """Factor of each motion."""
+        return of_kind(self.drivers, "motion")
+
+    @property
+    def displacement(self) -> Floats:
+        """(n, 3) nodal displacements."""
+        return self.fields["displacement"]
+
+    @property
+    def reaction(self) -> Floats:
+        """(n, 3) support forces, zero at free components."""
+        return self.fields["reaction"]
+
+    @property
+    def elements(self) -> ElementFields:
+        """What each triangle does."""
+        return ElementFields({one.name: self.fields[one.name] for one in fields.FIELDS if one.place == "element"})
+
+
+# A probe of one's own: from the mesh and the load step, all else measured, a number.
+ProbeFunction = Callable[[Mesh, StepResult], float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +174,7 @@ class Settings:
     arch: Arch = "cpu"
     precision: Precision = "f64"
     threads: int | None = None
+    render: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)

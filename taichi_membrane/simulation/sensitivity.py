@@ -40,10 +40,8 @@ def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> I
     def at_free(force: Floats) -> Floats:
         return np.where(newton.free, membrane.in_frames(force), 0.0)
 
-    for name, unit in model.unit_loads.items():
-        yield f"load.{name}", at_free(unit)
-    for name, unit in model.unit_pressures.items():
-        yield f"pressure.{name}", at_free(unit)
+    for driver, unit in model.unit_forces.items():
+        yield driver, at_free(unit)
     present = newton.free_force()
     values = membrane.pressures()
     for number, name in enumerate(model.pressure_names):

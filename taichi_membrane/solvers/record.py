@@ -1,14 +1,9 @@
-"""What the engine hands over: the state of the elements; what solvers report while they work, and how they ended."""
+"""What solvers report while they work, and how they ended."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
-
-from taichi_membrane.mechanics.preparation import Floats
 
 # What a residual is compared with (force): fixed, or asked for at each iteration where it follows the state, as reactions do.
 Reference = float | Callable[[], float]
@@ -58,23 +53,3 @@ def joined(*parts: SolveRecord) -> SolveRecord:
         iterations=sum(part.iterations for part in parts),
         seconds=sum(part.seconds for part in parts),
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ElementState:
-    """State of every triangle at the present displacements; stresses and strains in fabric axes (warp, weft, shear).
-
-    :param strain: (m, 3); shear is the engineering shear strain.
-    :param stress: (m, 3) force per area.
-    :param state: (m,) 0 taut, 1 wrinkled, 2 slack.
-    :param fold_strain: (m,) largest principal strain stored in folds, zero where taut.
-    :param taut_margin: (m,) minor principal trial stress over the fabric's larger modulus; negative where not taut.
-    :param slack_margin: (m,) major principal strain; negative where slack.
-    """
-
-    strain: Floats
-    stress: Floats
-    state: NDArray[np.int8]
-    fold_strain: Floats
-    taut_margin: Floats
-    slack_margin: Floats

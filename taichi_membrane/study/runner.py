@@ -19,6 +19,7 @@ from typing import IO, Any, Literal
 from taichi_membrane.errors import InputError
 from taichi_membrane.execution.side_by_side import side_by_side
 from taichi_membrane.output.atomic import replacing
+from taichi_membrane.output.lock import LOCK
 from taichi_membrane.output.reader import SUMMARY
 from taichi_membrane.study.plan import Case, Plan
 
@@ -85,7 +86,7 @@ def check_folder(directory: Path) -> None:
     """
     if directory.exists() and not directory.is_dir():
         raise InputError(f"{directory}: the output folder is a file")
-    held = sorted(path.name for path in directory.iterdir()) if directory.is_dir() else []
+    held = sorted(path.name for path in directory.iterdir() if path.name != LOCK) if directory.is_dir() else []
     if held and RUNS not in held:
         raise InputError(
             f"{directory}: the output folder holds {held[0]!r} but no earlier study; give an empty or new one"
@@ -95,7 +96,8 @@ def check_folder(directory: Path) -> None:
 def run_all(
     plan: Plan, directory: Path, *, jobs: int = 1, budget: float | None = None, told: Told = lambda run, reused: None
 ) -> tuple[Run, ...]:
-    """Run every case that is not done yet; results in the order of the plan's cases.
+    """Run every case that is not done yet; results in the order of the plan's cases. What was begun and is not done is removed, so
+    that the caller must be the folder's :func:`taichi_membrane.output.lock.sole_writer`.
 
     :param jobs: processes side by side; more than one and they disturb each other's times.
     :param budget: seconds after which a process is ended.

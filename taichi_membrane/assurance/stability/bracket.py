@@ -46,9 +46,7 @@ def brackets(scene: Scene, last: StepResult, known: Mapping[str, float]) -> tupl
         return ()
     names = [stage.name for stage in scene.stages]
     target = stage_targets(scene)[names.index(last.stage)]
-    aims = {f"pressure.{name}": value for name, value in target.pressures.items()}
-    aims |= {f"load.{name}": value for name, value in target.loads.items()}
     return tuple(
-        Bracket(name=name, lower=lower, upper=upper, target=aims[name], known=known.get(name))
+        Bracket(name=name, lower=lower, upper=upper, target=target.values[name], known=known.get(name))
         for name, (lower, upper) in last.limit.items()
     )

@@ -212,11 +212,11 @@ def _with_findings(entry: Entry, problem: Problem, work: Any, steps: Sequence[St
     """Fill in what the run left: the last step's record, and numbers taken anew from the state the membrane is in."""
     last = steps[-1]
     model = work.model
-    scale = math.hypot(model.reference_load(last.pressures, last.loads), work.membrane.prestress_norm())
+    scale = math.hypot(model.reference_load(LoadState(last.drivers)), work.membrane.prestress_norm())
     force = work.membrane.in_frames(work.membrane.out_of_balance())
     size = float(np.linalg.norm(np.where(model.structure.node_held, 0.0, force)))
     residual = size / scale if scale > 0.0 else None
-    moved = len(steps) > 1 or any([*last.pressures.values(), *last.loads.values(), *last.motions.values()])
+    moved = len(steps) > 1 or any(last.drivers.values())
     values = dict(problem.measure(model.structure.mesh, steps)) if entry.converged else {}
     numbers: list[Any] = [
         last.displacement,
@@ -257,7 +257,7 @@ def _with_tangent(entry: Entry, work: Any, model: Model, last: StepResult) -> En
     """Fill in what takes a tangent, whatever solver found the state."""
     work.take(model)
     work.membrane.set_displacement(last.displacement)
-    state = LoadState(last.pressures, last.loads, last.motions)
+    state = LoadState(last.drivers)
     work.equilibrium.apply(state)
     eigenvalue = largest_eigenvalue(work)
     asked = entry.converged and entry.residual is not None
@@ -267,7 +267,7 @@ def _with_tangent(entry: Entry, work: Any, model: Model, last: StepResult) -> En
 
 def _moved_by_newton(work: Any, last: StepResult, scale: float) -> float:
     """How far the state is from where a much smaller residual would put it; changes the membrane's displacements."""
-    loads = work.model.nodal_loads(last.pressures, last.loads)
+    loads = work.model.nodal_loads(LoadState(last.drivers))
     work.newton.solve(
         tolerance=_POLISH * work.equilibrium.tolerance, reference=scale, loads=loads, max_iterations=_POLISH_ITERATIONS
     )

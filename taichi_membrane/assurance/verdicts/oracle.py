@@ -11,6 +11,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from taichi_membrane.assurance.verdicts.case import State
 from taichi_membrane.mechanics.preparation import volume_gradient
+from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import StepResult
 
@@ -27,8 +28,9 @@ _LEAST_REACTION = 1e-8
 def place(work: Any, model: Model, step: StepResult) -> None:
     """Put an analysis' membrane into the state of a load step, pressures of shut chambers as told."""
     work.membrane.set_displacement(step.displacement)
-    work.membrane.set_pressures(model.chamber_pressures(step.pressures))
-    work.membrane.set_loads(model.nodal_loads(step.pressures, step.loads))
+    state = LoadState(step.drivers)
+    work.membrane.set_pressures(model.chamber_pressures(state))
+    work.membrane.set_loads(model.nodal_loads(state))
 
 
 def examine(work: Any, model: Model, step: StepResult, *, potential: bool = True) -> State:
@@ -40,7 +42,7 @@ def examine(work: Any, model: Model, step: StepResult, *, potential: bool = True
     force = work.membrane.in_frames(work.membrane.out_of_balance())
     held = model.structure.node_held
     reaction = work.membrane.from_frames(np.where(held, -force, 0.0))
-    applied = model.reference_load(step.pressures, step.loads)
+    applied = model.reference_load(LoadState(step.drivers))
     scale = float(np.hypot(applied, work.membrane.prestress_norm()))
     if applied == 0.0 and scale == 0.0:
         least = 2.0 * work.relaxation.masses()[:, None] * step.displacement

@@ -84,8 +84,8 @@ class Tracer:
 
     def _load(self, share: float) -> None:
         state = self.course.at(share)
-        self.work.membrane.set_pressures(self.model.chamber_pressures(state.pressures))
-        self.work.membrane.set_loads(self.model.nodal_loads(state.pressures, state.loads))
+        self.work.membrane.set_pressures(self.model.chamber_pressures(state))
+        self.work.membrane.set_loads(self.model.nodal_loads(state))
 
     def _force(self, position: Floats, share: float) -> Floats:
         self.work.membrane.set_displacement(position)
@@ -101,10 +101,7 @@ class Tracer:
 
     def _correct(self, position: Floats, share: float, advance: Floats | None) -> Point | None:
         """The equilibrium near a state, perpendicular to ``advance``, or at a given share; None where it is not near."""
-        reference = max(
-            self.model.reference_load(state.pressures, state.loads)
-            for state in (self.course.at(share), self.course.target)
-        )
+        reference = max(self.model.reference_load(state) for state in (self.course.at(share), self.course.target))
         foretold = advance
         for _ in range(_CORRECTIONS + (30 if advance is None else 0)):
             force = self._force(position, share)

@@ -1,0 +1,152 @@
+"""The fields of a load step, in one table: results, files, reading back, pictures and bounds on memory follow it.
+
+A new field is one entry here; its value is what ``Present`` (in ``simulation/present.py``) has under its name, or the entry's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# What a stress refers to, by the short word that stands beside its unit and ends the names of its arrays.
+MEASURES = {
+    "PK2": "second Piola–Kirchhoff: force per unstressed area, carried back to the unstressed fabric; for engineering side strain "
+    "the stress that does work on it, the same to the order of the strain",
+    "Cauchy": "Cauchy, true: force per deformed width",
+}
+
+
+class Units(Protocol):
+    """Labels of a scene's units."""
+
+    @property
+    def length(self) -> str:
+        """Of length."""
+
+    @property
+    def force(self) -> str:
+        """Of force."""
+
+    @property
+    def stress(self) -> str:
+        """Of force per area."""
+
+    @property
+    def resultant(self) -> str:
+        """Of force per width."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Field:
+    """One quantity of a load step at every node or element.
+
+    :param meaning: words for labels.
+    :param unit: what it is measured in, by the name of a label of the scene's units; empty for a number.
+    :param measure: key of :data:`MEASURES`, of a stress.
+    :param components: names of its components; none for a scalar.
+    :param split: files hold an array per component, and not one of vectors.
+    :param whole: its values are small whole numbers.
+    :param picture: how it is drawn: ``states`` as coloured regions, ``scale`` by a colour scale (a vector by its length), or not.
+    :param value: (count, components) or (count,) from a load step's state, a ``Present``; by default its attribute of that name.
+    """
+
+    name: str
+    place: Literal["node", "element"]
+    meaning: str
+    unit: Literal["", "length", "force", "stress", "resultant"] = ""
+    measure: Literal["", "PK2", "Cauchy"] = ""
+    components: tuple[str, ...] = ()
+    split: bool = False
+    whole: bool = False
+    picture: Literal["", "states", "scale"] = ""
+    value: Callable[[Any], NDArray[Any]] | None = None
+
+    def of(self, present: Any) -> NDArray[Any]:
+        """Its values at a load step."""
+        values: NDArray[Any] = getattr(present, self.name) if self.value is None else self.value(present)
+        return values
+
+    def shape(self, node_count: int, tri_count: int) -> tuple[int, ...]:
+        """Of its values on a mesh."""
+        count = node_count if self.place == "node" else tri_count
+        return (count, len(self.components)) if self.components else (count,)
+
+    @property
+    def dtype(self) -> str:
+        """Of its values, as NumPy names it."""
+        return "int8" if self.whole else "float64"
+
+    @property
+    def bytes(self) -> int:
+        """Memory for each node or element."""
+        return (1 if self.whole else 8) * (len(self.components) or 1)
+
+    @property
+    def arrays(self) -> tuple[str, ...]:
+        """Names of its arrays in files; a stress says its measure."""
+        ends = f"_{self.measure.lower()}" if self.measure else ""
+        return tuple(f"{self.name}_{one}{ends}" for one in self.components) if self.split else (f"{self.name}{ends}",)
+
+    def unit_label(self, units: Units) -> str:
+        """Unit and, of a stress, its measure; empty for a number."""
+        return f"{getattr(units, self.unit)} {self.measure}".rstrip() if self.unit else ""
+
+    def label(self, units: Units) -> str:
+        """Words, with the unit in brackets."""
+        unit = self.unit_label(units)
+        return f"{self.meaning} [{unit}]" if unit else self.meaning
+
+
+_XYZ, _FABRIC_AXES = ("x", "y", "z"), ("warp", "weft", "shear")
+
+FIELDS: tuple[Field, ...] = (
+    Field(name="displacement", place="node", meaning="displacement", unit="length", components=_XYZ, picture="scale"),
+    Field(name="reaction", place="node", meaning="support force, zero at free components", unit="force", components=_XYZ),
+    Field(name="state", place="element", meaning="0 taut, 1 wrinkled, 2 slack", whole=True, picture="states"),
+    Field(name="fold_strain", place="element", meaning="strain in folds", picture="scale"),
+    Field(
+        name="major_stress", place="element", meaning="major stress", unit="stress", measure="PK2", picture="scale"
+    ),
+    Field(name="minor_stress", place="element", meaning="minor stress", unit="stress", measure="PK2"),
+    Field(
+        name="major_direction", place="element", components=_XYZ,
+        meaning="unit vector along the wrinkles: direction of the major stress, carried to the deformed element",
+    ),
+    Field(
+        name="major_resultant", place="element", meaning="major stress resultant", unit="resultant", measure="Cauchy",
+        picture="scale",
+    ),
+    Field(name="minor_resultant", place="element", meaning="minor stress resultant", unit="resultant", measure="Cauchy"),
+    Field(
+        name="taut_margin", place="element",
+        meaning="minor principal trial stress over the larger modulus; negative where not taut",
+    ),
+    Field(name="slack_margin", place="element", meaning="major principal strain; negative where slack"),
+    Field(
+        name="stress", place="element", meaning="stress in fabric axes", unit="stress", measure="PK2",
+        components=_FABRIC_AXES, split=True,
+    ),
+    Field(
+        name="strain", place="element", meaning="strain in fabric axes, shear the engineering one",
+        components=_FABRIC_AXES, split=True,
+    ),
+)  # fmt: skip
+
+
+def named(name: str) -> Field:
+    """The entry of a field."""
+    return next(field for field in FIELDS if field.name == name)
+
+
+def drawn() -> list[str]:
+    """Names of the fields that pictures can show; states first, which is what they show unless asked."""
+    return sorted((field.name for field in FIELDS if field.picture), key=lambda name: named(name).picture != "states")
+
+
+def step_bytes(place: Literal["node", "element"]) -> int:
+    """Memory that a load step takes for each node or element."""
+    return sum(field.bytes for field in FIELDS if field.place == place)

@@ -1,0 +1,111 @@
+"""The kinds of drivers, in one table: what stages ramp, from pressures to motions.
+
+Names such as ``load.tip``, stages, columns, labels, files, derivatives, probes and curves follow the table. A new kind is its
+model with a key of :class:`Scene` and one of :class:`Stage`, and one entry here; ``simulation/model.py`` has what it does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from taichi_membrane.scene.support import Rotation, Translation
+
+if TYPE_CHECKING:
+    from taichi_membrane.scene.models import Load, Scene, Stage, Units
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriverKind:
+    """A kind of drivers.
+
+    :param name: begins the names of its drivers: ``load`` of ``load.tip``.
+    :param table: the scene's key that defines them, by name.
+    :param key: the stage's key that sets their values at its end.
+    :param unit: unit of one driver's value; empty for a mere number.
+    :param words: what one is, in a line.
+    :param scales: a value without a unit multiplies a direction, and no number.
+    """
+
+    name: str
+    table: str
+    key: str
+    unit: Callable[[Units, Any], str]
+    words: Callable[[Any], str]
+    scales: bool = False
+
+    def defined(self, scene: Scene) -> Mapping[str, Any]:
+        """The scene's drivers of this kind, by their bare names."""
+        table: Mapping[str, Any] = getattr(scene, self.table)
+        return table
+
+    def asked(self, stage: Stage, names: Iterable[str]) -> dict[str, float]:
+        """Values at the stage's end, by bare names; those not in it keep theirs. One number is for all ``names``."""
+        given = getattr(stage, self.key)
+        return {} if given is None else dict(given) if isinstance(given, Mapping) else dict.fromkeys(names, given)
+
+
+def _load_unit(units: Units, load: Load) -> str:
+    """Of a load's factor; empty where the direction is no unit vector."""
+    if not math.isclose(math.hypot(*load.direction), 1.0, rel_tol=1e-6):
+        return ""
+    return units.force + {"total": "", "line": f"/{units.length}", "area": f"/{units.area}"}[load.kind]
+
+
+def _motion_unit(units: Units, motion: Translation | Rotation) -> str:
+    """Of a motion's factor; empty where a translation's direction is no unit vector."""
+    if not isinstance(motion, Translation):
+        return "°"
+    return units.length if math.isclose(math.hypot(*motion.direction), 1.0, rel_tol=1e-6) else ""
+
+
+DRIVERS: tuple[DriverKind, ...] = (
+    DriverKind(
+        name="pressure", table="pressures", key="pressure", unit=lambda units, _: units.stress,
+        words=lambda item: f"{item.kind}, on {item.group}",
+    ),
+    DriverKind(
+        name="load", table="loads", key="loads", unit=_load_unit, words=lambda item: f"{item.kind} on {item.group}",
+        scales=True,
+    ),
+    DriverKind(
+        name="motion", table="motions", key="motions", unit=_motion_unit,
+        words=lambda item: f"{item.kind} of {item.group} in {item.hold}",
+    ),
+)  # fmt: skip
+
+
+def driver_names(scene: Scene) -> list[str]:
+    """All drivers of a scene, such as ``load.tip``."""
+    return [f"{kind.name}.{name}" for kind in DRIVERS for name in kind.defined(scene)]
+
+
+def driver_unit(scene: Scene, driver: str) -> str:
+    """Unit of a driver's value; empty for a mere number."""
+    kind, _, name = driver.partition(".")
+    entry = kind_named(kind)
+    return entry.unit(scene.units, entry.defined(scene)[name])
+
+
+def kind_named(name: str) -> DriverKind:
+    """The entry of a kind."""
+    return next(kind for kind in DRIVERS if kind.name == name)
+
+
+def stage_values(names: Iterable[str], stage: Stage) -> dict[str, float]:
+    """What a stage sets, by driver, given the names of all drivers."""
+    bare: dict[str, list[str]] = {kind.name: [] for kind in DRIVERS}
+    for driver in names:
+        kind, _, name = driver.partition(".")
+        bare[kind].append(name)
+    return {
+        f"{kind.name}.{name}": value for kind in DRIVERS for name, value in kind.asked(stage, bare[kind.name]).items()
+    }
+
+
+def driver_label(scene: Scene, driver: str) -> str:
+    """Unit of a driver's value, or that the value multiplies a direction."""
+    unit = driver_unit(scene, driver)
+    return "× direction" if not unit and kind_named(driver.partition(".")[0]).scales else unit

@@ -1,0 +1,116 @@
+"""What the fields of a load step are computed from: the state downloaded once, and what follows from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane import fields
+from taichi_membrane.mechanics.element_state import ElementState
+from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.structure import Structure
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Present:
+    """A structure at one instant.
+
+    :param displacement: (n, 3).
+    :param reaction: (n, 3) support forces.
+    :param elements: state of every triangle.
+    """
+
+    structure: Structure
+    displacement: Floats
+    reaction: Floats
+    elements: ElementState
+
+    def __getattr__(self, name: str) -> Any:
+        """What the elements know of themselves, by name."""
+        if name.startswith("_") or name == "elements":
+            raise AttributeError(name)
+        return getattr(self.elements, name)
+
+    def fields(self) -> dict[str, NDArray[Any]]:
+        """The values of all fields, by name."""
+        return {field.name: field.of(self) for field in fields.FIELDS}
+
+    @property
+    def major_stress(self) -> Floats:
+        """(m,) major principal stress (second Piola–Kirchhoff)."""
+        return self._principal[0]
+
+    @property
+    def minor_stress(self) -> Floats:
+        """(m,) the other one."""
+        return self._principal[1]
+
+    @cached_property
+    def _principal(self) -> tuple[Floats, Floats, Floats]:
+        """Major and minor stress, and the angle of the major one from the warp."""
+        warp, weft, shear = self.elements.stress.T
+        major, minor = _principal_values(warp, weft, shear)
+        return major, minor, 0.5 * np.arctan2(shear, 0.5 * (warp - weft))
+
+    @property
+    def major_direction(self) -> Floats:
+        """(m, 3) unit vectors of the deformed elements that those of the major stress at rest are carried to."""
+        mesh, geometry, angle = self.structure.mesh, self.structure.geometry, self._principal[2]
+        tangent = np.cos(angle)[:, None] * geometry.warp + np.sin(angle)[:, None] * geometry.weft
+        rest = mesh.points[mesh.triangles]
+        first, second = rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]
+        normal = np.cross(first, second)
+        squared = np.einsum("ij,ij->i", normal, normal)
+        along_first = np.einsum("ij,ij->i", np.cross(tangent, second), normal) / squared
+        along_second = np.einsum("ij,ij->i", np.cross(first, tangent), normal) / squared
+        now = rest + self.displacement[mesh.triangles]
+        moved = along_first[:, None] * (now[:, 1] - now[:, 0]) + along_second[:, None] * (now[:, 2] - now[:, 0])
+        length = np.linalg.norm(moved, axis=1, keepdims=True)
+        return np.asarray(moved / np.where(length > 0.0, length, 1.0))
+
+    @property
+    def major_resultant(self) -> Floats:
+        """(m,) major principal Cauchy stress resultant, force per deformed width."""
+        return self._principal_resultant[0]
+
+    @property
+    def minor_resultant(self) -> Floats:
+        """(m,) the other one."""
+        return self._principal_resultant[1]
+
+    @cached_property
+    def _principal_resultant(self) -> tuple[Floats, Floats]:
+        """Principal Cauchy stress resultants, from the forces along the deformed sides.
+
+        Side a with its vector s and force density q (its force over its length) bears q s⊗s of virtual work per virtual strain, so
+        that N = Σ q s⊗s / A, A the deformed area: for Green's side strain t F S Fᵀ/J, t the thickness at rest.
+        """
+        structure, mesh, geometry = self.structure, self.structure.mesh, self.structure.geometry
+        corners = (mesh.points + self.displacement)[mesh.triangles]
+        side = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+        length = np.linalg.norm(side, axis=2)
+        green = np.array([fabric.side_strain == "green" for fabric in structure.fabrics])[structure.tri_fabric]
+        thickness = np.array([fabric.thickness for fabric in structure.fabrics])[structure.tri_fabric]
+        volume = geometry.area * thickness
+        natural = volume[:, None] * np.einsum("iba,ib->ia", geometry.strain_matrix, self.elements.stress)
+        reach = np.where(green[:, None], geometry.side_length, length)
+        density = np.divide(natural, reach, out=np.zeros_like(natural), where=reach > 0.0)
+        normal = np.cross(side[:, 0], side[:, 1])
+        double_area = np.linalg.norm(normal, axis=1)
+        flat = double_area > 0.0  # one without area bears nothing
+        along = side[:, 0] / np.where(length[:, :1] > 0.0, length[:, :1], 1.0)
+        across = np.cross(normal, along) / np.where(flat, double_area, 1.0)[:, None]
+        x, y = np.einsum("iaj,ij->ia", side, along), np.einsum("iaj,ij->ia", side, across)
+        scale = np.where(flat, 2.0 / np.where(flat, double_area, 1.0), 0.0)
+        parts = (scale * (density * one * other).sum(axis=1) for one, other in ((x, x), (y, y), (x, y)))
+        return _principal_values(*parts)
+
+
+def _principal_values(first: Floats, second: Floats, shear: Floats) -> tuple[Floats, Floats]:
+    """Larger and smaller principal value of plane symmetric tensors."""
+    mean, radius = 0.5 * (first + second), np.hypot(0.5 * (first - second), shear)
+    return mean + radius, mean - radius

@@ -1,0 +1,43 @@
+"""What one load step hands to the next, and so all that a run that was stopped goes on from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from taichi_membrane.arrays import Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathState:
+    """A point of an equilibrium path that is followed by arc length, beside its displacements.
+
+    :param factor: share of the stage's way.
+    :param tangent: (n, 3) change of the displacements per share, in the supports' axes; ``advance`` the step that led here.
+    :param negative: negative eigenvalues of the tangent stiffness.
+    :param length: distance to try next along the path.
+    """
+
+    factor: float
+    tangent: Floats
+    advance: Floats
+    negative: int
+    length: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """What one load step hands to the next.
+
+    :param displacement: (n, 3).
+    :param drivers: value of every driver, pressures of shut chambers as they are.
+    :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.load_step.Stiffest`.
+    :param shut: of each chamber that is shut, by its pressure's name, volume and pressure when it was.
+    :param path: where the stage's path is, of a stage by arc length.
+    """
+
+    displacement: Floats
+    drivers: Mapping[str, float]
+    stiffest: float = 0.0
+    shut: Mapping[str, tuple[float, float]]
+    path: PathState | None = None
