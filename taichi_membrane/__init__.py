@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from taichi_membrane.errors import InputError
     from taichi_membrane.execution.run import resume, run
-    from taichi_membrane.mesh import Mesh
+    from taichi_membrane.mesh import Mesh, read_mesh
     from taichi_membrane.scene import Scene
     from taichi_membrane.scene.file import load_scene
     from taichi_membrane.simulation.results import RunResult
@@ -24,11 +24,12 @@ _HOME = {
     "RunResult": "simulation.results",
     "Scene": "scene",
     "load_scene": "scene.file",
+    "read_mesh": "mesh",
     "resume": "execution.run",
     "run": "execution.run",
 }
 
-__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "resume", "run"]
+__all__ = ["InputError", "Mesh", "RunResult", "Scene", "load_scene", "read_mesh", "resume", "run"]
 
 
 def __getattr__(name: str) -> Any:

@@ -137,7 +137,7 @@ def test_a_later_override_wins_and_a_line_break_smuggles_nothing_in(path: Path) 
         ("checks.1.probe=tap", "checks[1].probe: 'tap' is not a probe of this scene; allowed: tip"),
         ("checks.1.step=3", "checks[1].step = 3, but stage 'stretch' has 2 steps"),
         ("checks.1.absolute=1", "checks[1]: give either tolerance (relative) or absolute"),
-        ("checks=[{probe='tip'}]", "checks[1].stage: missing (and 2 more)"),
+        ("checks=[{probe='tip'}]", "checks[1].stage: missing; checks[1].reference: missing; checks[1].source: missing"),
         ("camera.outline=maybe", "camera.outline: must be true or false, not 'maybe'"),
         ("camera.elevation=91", "camera.elevation: 91 must be at most 90"),
         ("supports={a=1}", "supports: must be a list, not a table"),
@@ -172,9 +172,16 @@ def test_an_override_that_leads_nowhere_is_refused(path: Path, override: str, ex
 
 def test_a_misspelt_key_is_told_before_the_key_it_leaves_missing(path: Path) -> None:
     path.write_text(SCENE.replace("thickness", "thicknes").replace("nu = 0.3", "nu = 'a'"), encoding="utf-8")
-    # The missing thickness is the same mistake, so only nu is left to be counted.
-    assert "fabric.thicknes: unknown key; did you mean 'thickness'?" in message(path)
-    assert message(path).endswith("(and 1 more)")
+    assert message(path).startswith(f"{path}: fabric.thicknes: unknown key; did you mean 'thickness'?")
+    # The missing thickness is the same mistake, so only nu is left to be told.
+    assert message(path).endswith("; fabric.nu: must be a number, not 'a'")
+
+
+def test_of_a_great_many_mistakes_the_first_ones_are_told_and_the_others_counted(path: Path) -> None:
+    keys = ", ".join(f"k{number} = {{ kind = 'x' }}" for number in range(30))
+    said = message(path, f"probes={{ {keys} }}")
+    assert said.count("is unknown; ") == 8
+    assert said.endswith("(and 22 more)")
 
 
 def test_the_file_is_blamed_for_its_own_mistakes_even_with_overrides(path: Path) -> None:
@@ -196,7 +203,7 @@ def test_a_scene_without_fabric_is_refused_with_the_key(path: Path) -> None:
         (b"name = 'a'\ntitle = '\xff'\n", "line 2 is not UTF-8 text: byte 0xff at offset 20"),
         (b"x = " + b"[" * 5000, "nested too deeply"),
         (b"#" * (scene_file.LARGEST_FILE + 1), "1000001 bytes are too many for a scene; 1000000 at most"),
-        (b"", "name: missing (and 3 more)"),
+        (b"", "name: missing; units: missing; mesh: missing; stages: missing"),
     ],
 )
 def test_a_file_that_is_no_toml_is_refused(tmp_path: Path, content: bytes, expected: str) -> None:

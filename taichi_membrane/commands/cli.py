@@ -311,11 +311,13 @@ def scenes() -> None:
 
 
 @app.command()
-def schema() -> None:
-    """Print the JSON schema of a scene."""
-    from taichi_membrane.scene import Scene
+def schema(
+    page: Annotated[bool, typer.Option("--page", help="As a page of tables (Markdown) instead.")] = False,
+) -> None:
+    """Print the JSON schema of a scene: each key with its meaning, unit, default and allowed values."""
+    from taichi_membrane.scene import schema as words
 
-    typer.echo(json.dumps(Scene.model_json_schema(), indent=2))
+    typer.echo(words.page().rstrip() if page else json.dumps(words.schema(), indent=2, ensure_ascii=False))
 
 
 app.command()(study)
@@ -324,13 +326,13 @@ app.command()(study)
 def _camera(camera: Camera, changes: dict[str, Any]) -> Camera:
     from pydantic import ValidationError
 
-    from taichi_membrane.scene.messages import first_problem
+    from taichi_membrane.scene.messages import mistakes
 
     data = {**camera.model_dump(), **changes}
     try:
         return type(camera).model_validate(data)
     except ValidationError as error:
-        raise InputError(f"camera: {first_problem(error, data, type(camera))[0]}") from None
+        raise InputError(f"camera: {mistakes(error, data, type(camera))}") from None
 
 
 def _console(*, stderr: bool = False) -> Console:

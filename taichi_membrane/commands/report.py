@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from taichi_membrane.mesh import survey
 from taichi_membrane.scene import Fabric, Scene, Stage
 from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
 from taichi_membrane.simulation.model import Model
@@ -240,8 +241,15 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
         ("units", f"{units.length}, {units.force}, stress and pressure in {units.stress}"),
         ("mesh", f"{scene.mesh.shape}: {mesh.node_count} nodes, {mesh.tri_count} elements, {area}, {closed}"),
         *(("mended", line) for line in mesh.mended),
+        *(("noted", line) for line in mesh.notes),
         ("nodes", ", ".join(f"{name}: {len(members)}" for name, members in mesh.node_groups.items())),
         ("elements", ", ".join(f"{name}: {len(members)}" for name, members in mesh.tri_groups.items())),
+        *(("lines", f"{len(mesh.lines)}{_counts(mesh.line_groups)}") for _ in range(bool(len(mesh.lines)))),
+        *(
+            ("loose", f"{len(mesh.loose_points)} points that no element uses{_counts(mesh.loose_groups)}")
+            for _ in range(bool(len(mesh.loose_points)))
+        ),
+        *survey.lines_of(survey.survey(mesh), units.length, units.area, units.volume),
         *(("fabric", line) for line in _fabric_lines(scene)),
         *(
             ("support", f"{item.group}: {item.hold or f'normal {list(item.normal or ())}'} held")
@@ -260,6 +268,11 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
     for label, text in lines:
         _print_wrapped(console, f"{label if label != before else '':<11}", text)
         before = label
+
+
+def _counts(groups: Mapping[str, Sized]) -> str:
+    """Names and sizes of groups, after a colon."""
+    return f": {', '.join(f'{name}: {len(members)}' for name, members in groups.items())}" if groups else ""
 
 
 def _fabric_lines(scene: Scene) -> list[str]:

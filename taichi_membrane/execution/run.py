@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    scene: Scene,
+    scene: Scene | Path | str,
     *,
     mesh: Mesh | None = None,
     out: Path | None = None,
@@ -41,9 +41,10 @@ def run(
 ) -> RunResult:
     """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
 
+    :param scene: the scene, its file, or the name of a shipped one.
     :param mesh: a mesh object for a scene whose mesh is ``{"shape": "given"}``.
     :param out: folder for summary.json, history.csv, step files, curve.png and pictures; nothing is written when None.
-    :param base: folder that a relative mesh path starts from; the current one when None.
+    :param base: folder that a relative mesh path starts from; when None that of the scene's file, else the current one.
     :param render: draw pictures and the curve (only with ``out``).
     :param repair: mend a mesh file where that is safe; ``RunResult.mesh.mended`` says what was done.
     :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk; another
@@ -51,6 +52,11 @@ def run(
         says so.
     """
     clock = Clock(observer or Silent())
+    if not isinstance(scene, Scene):
+        from taichi_membrane.scene.file import load_scene, resolve_scene
+
+        path = resolve_scene(scene) if isinstance(scene, str) else scene
+        scene, base = load_scene(path), base or path.parent
     from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
     from taichi_membrane.simulation.results import Settings
 

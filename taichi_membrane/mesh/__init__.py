@@ -1,7 +1,10 @@
-"""Triangle mesh with named groups: topology, validation, reading, conditions, rigid motions."""
+"""Triangle mesh with named groups: topology, validation, reading and writing files, conditions, rigid motions."""
 
 from __future__ import annotations
 
-from taichi_membrane.mesh.surface import Mesh, read_mesh, rigid_motions_left, select, with_groups
+from taichi_membrane.mesh.conditions import select
+from taichi_membrane.mesh.files import read_mesh
+from taichi_membrane.mesh.rigid import rigid_motions_left
+from taichi_membrane.mesh.surface import Mesh, with_groups
 
 __all__ = ["Mesh", "read_mesh", "rigid_motions_left", "select", "with_groups"]

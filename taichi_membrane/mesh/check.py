@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.mesh.topology import EdgeTable, node_parts
+from taichi_membrane.mesh.loose import Loose
+from taichi_membrane.mesh.topology import EdgeTable, node_parts, sorted_unique
 
 LARGEST_COORDINATE = 1e30  # areas squared, and their sums, must not overflow
 # A triangle flatter than this (area over longest edge squared) has no usable normal in double precision.
@@ -19,6 +20,14 @@ FLATTEST_TRIANGLE = 1e-12
 FLAT_BODY = 1e-9
 # Sine of the angle between a warp direction and the element's normal below which its projection is noise.
 STEEPEST_WARP = 1e-9
+
+
+class MeshFault(InputError):
+    """A fault of named elements and nodes, so that a reader can say what they are called in its file."""
+
+    def __init__(self, message: str, *, elements: Sequence[int] = (), nodes: Sequence[int] = ()) -> None:
+        super().__init__(message)
+        self.elements, self.nodes = tuple(elements), tuple(nodes)
 
 
 def as_points(points: ArrayLike, where: str) -> NDArray[np.float64]:
@@ -34,8 +43,9 @@ def as_points(points: ArrayLike, where: str) -> NDArray[np.float64]:
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
         at = tuple(array[bad[0]].tolist())
-        raise InputError(
-            f"{where}: node {bad[0]} has coordinates {at} that are not finite; {bad.size} such nodes in all"
+        raise MeshFault(
+            f"{where}: node {bad[0]} has coordinates {at} that are not finite; {bad.size} such nodes in all",
+            nodes=[int(bad[0])],
         )
     bad = np.flatnonzero((np.abs(array) > LARGEST_COORDINATE).any(axis=1))
     if bad.size:
@@ -88,14 +98,16 @@ def check_elements(
     bad = np.flatnonzero((a == b) | (b == c) | (c == a))
     if bad.size:
         nodes = tuple(triangles[bad[0]].tolist())
-        raise InputError(f"{where}: element {bad[0]} repeats a node: {nodes}; {bad.size} such elements in all")
+        told = f"{where}: element {bad[0]} repeats a node: {nodes}; {bad.size} such elements in all"
+        raise MeshFault(told, elements=[int(bad[0])])
     longest = np.maximum.reduce([((points[i] - points[j]) ** 2).sum(axis=1) for i, j in ((a, b), (b, c), (c, a))])
     bad = np.flatnonzero(~(tri_area > FLATTEST_TRIANGLE * longest))
     if bad.size:
         t = bad[0]
-        raise InputError(
+        raise MeshFault(
             f"{where}: element {t} (nodes {tuple(triangles[t].tolist())}) is degenerate: area {tri_area[t]:.3g} with a "
-            f"longest edge of {np.sqrt(longest[t]):.3g}; {bad.size} such elements in all"
+            f"longest edge of {np.sqrt(longest[t]):.3g}; {bad.size} such elements in all",
+            elements=[int(t)],
         )
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
@@ -112,9 +124,10 @@ def check_edges(triangles: NDArray[np.int32], table: EdgeTable, where: str, hint
     if bad.size:
         edge = int(bad[0])
         at = table.triangles_at(edge)
-        raise InputError(
+        raise MeshFault(
             f"{where}: {len(at)} elements ({_listed(at)}) share the edge of nodes {_pair(table, edge)}, at most 2 can; "
-            f"{bad.size} such edges in all"
+            f"{bad.size} such edges in all",
+            elements=at,
         )
     tail = triangles.reshape(-1)[table.half_edges]
     head = triangles[:, [1, 2, 0]].reshape(-1)[table.half_edges]
@@ -122,10 +135,11 @@ def check_edges(triangles: NDArray[np.int32], table: EdgeTable, where: str, hint
     bad = np.flatnonzero((table.tri_count == 2) & (ascending != 1))
     if bad.size:
         first, second = table.triangles_at(int(bad[0]))
-        raise InputError(
+        raise MeshFault(
             f"{where}: elements {first} and {second} run along their common edge, nodes {_pair(table, int(bad[0]))}, "
             f"in the same direction, so their normals point to opposite sides; {bad.size} such edges in all. "
-            f"Orient the triangles alike (counter-clockwise seen from the positive side){hint}"
+            f"Orient the triangles alike (counter-clockwise seen from the positive side){hint}",
+            elements=[first, second],
         )
 
 
@@ -140,9 +154,10 @@ def _check_duplicates(triangles: NDArray[np.int32], table: EdgeTable, where: str
     same = np.flatnonzero(np.diff(key[order]) == 0)
     if same.size:
         first, second = sorted(order[same[0] : same[0] + 2].tolist())
-        raise InputError(
+        raise MeshFault(
             f"{where}: elements {first} and {second} have the same three nodes {sorted(triangles[first].tolist())}; "
-            f"{same.size} duplicates in all"
+            f"{same.size} duplicates in all",
+            elements=[first, second],
         )
 
 
@@ -208,7 +223,7 @@ def _is_cavity(
 
 
 def as_groups(groups: Mapping[str, ArrayLike], count: int, kind: str, where: str) -> dict[str, NDArray[np.int32]]:
-    """Return the groups as sorted unique int32 arrays; ``kind`` is "node" or "element" for the message."""
+    """Return the groups as sorted unique int32 arrays; ``kind`` is "node", "element" or "line" for the message."""
     out: dict[str, NDArray[np.int32]] = {}
     for name, members in groups.items():
         if not isinstance(name, str) or not name.strip():
@@ -227,6 +242,38 @@ def as_groups(groups: Mapping[str, ArrayLike], count: int, kind: str, where: str
             )
         out[name] = frozen(array.astype(np.int32))
     return out
+
+
+def as_loose(
+    points: ArrayLike | None,
+    lines: ArrayLike | None,
+    line_groups: Mapping[str, ArrayLike] | None,
+    groups: Mapping[str, ArrayLike] | None,
+    node_count: int,
+    where: str,
+) -> Loose:
+    """Return lines and loose points with frozen arrays; refuse numbers out of range and lines from a node to itself."""
+    empty = points is None or np.size(points) == 0
+    at = frozen(np.empty((0, 3)) if empty else as_points(np.asarray(points), f"{where}: loose points"))
+    total = node_count + len(at)
+    if lines is None or np.size(lines) == 0:
+        pairs = np.empty((0, 2), dtype=np.int32)
+    else:
+        wide = _as_integers(lines, f"{where}: the node numbers of the lines")
+        if wide.ndim != 2 or wide.shape[1] != 2:
+            raise InputError(f"{where}: lines must have shape (line_count, 2), got {wide.shape}")
+        bad = np.flatnonzero(((wide < 0) | (wide >= total)).any(axis=1) | (wide[:, 0] == wide[:, 1]))
+        if bad.size:
+            told = f"joins nodes {tuple(wide[bad[0]].tolist())}; two different ones from 0 to {total - 1} are needed"
+            raise InputError(f"{where}: line {bad[0]} {told}")
+        pairs = wide.astype(np.int32)
+    named = as_groups(groups or {}, total, "node", where)
+    for name, members in named.items():
+        if members[0] < node_count:
+            raise InputError(
+                f"{where}: loose group '{name}' holds {members[0]}; loose points are {node_count} to {total - 1}"
+            )
+    return Loose(at, named, frozen(pairs), as_groups(line_groups or {}, len(pairs), "line", where), node_count)
 
 
 def as_warp(directions: ArrayLike, area_vector: NDArray[np.float64], where: str) -> NDArray[np.float64]:
@@ -248,12 +295,6 @@ def as_warp(directions: ArrayLike, area_vector: NDArray[np.float64], where: str)
             f"(normal {tuple(np.round(normal[t], 6).tolist())}); {bad.size} such elements in all"
         )
     return in_plane / length[:, None]
-
-
-def sorted_unique(numbers: NDArray[Any]) -> NDArray[Any]:
-    """Return the distinct numbers in ascending order; for a million of them ten times faster than ``np.unique``."""
-    ordered = np.sort(numbers)
-    return ordered[np.concatenate(([True], ordered[1:] != ordered[:-1]))] if ordered.size else ordered
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:

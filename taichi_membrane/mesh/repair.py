@@ -8,39 +8,45 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from taichi_membrane.mesh import check
+from taichi_membrane.mesh.cracks import linked, seams
 from taichi_membrane.mesh.topology import edge_table
-
-# Nodes nearer than this share of the mesh's size are one node: far below any element, far above the round-off of files in text.
-SAME_PLACE = 1e-9
 
 HINT = "; --repair (in Python repair=True) does that"
 
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """A mesh's arrays after mending, and what was done, a line for each kind of fault; no lines where nothing was wrong."""
+    """A mesh's arrays after mending, and what was done, a line for each kind of fault; no lines where nothing was wrong.
+
+    :param new_number: the number that each node has now; -1 for those left out.
+    """
 
     points: NDArray[np.float64]
     triangles: NDArray[np.int32]
     node_groups: dict[str, NDArray[np.int32]]
+    new_number: NDArray[np.int32]
     told: tuple[str, ...]
 
 
 def mend(
-    points: NDArray[np.float64], triangles: NDArray[np.int32], node_groups: Mapping[str, NDArray[np.int32]]
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    node_groups: Mapping[str, NDArray[np.int32]],
+    tolerance: float | None,
 ) -> Mended:
-    """Join, drop, turn over; see the module's text. Arrays in are unchanged."""
+    """Join, drop, turn over; see the module's text. Arrays in are unchanged.
+
+    :param tolerance: nodes of free edges no farther apart are one [length]; None joins none.
+    """
     told: list[str] = []
-    number = _joined(points, triangles, told)
+    number = (
+        np.arange(len(points), dtype=np.int32) if tolerance is None else _joined(points, triangles, tolerance, told)
+    )
     triangles = number[triangles]
     used = np.unique(triangles)
     unused = np.setdiff1d(np.unique(number), used)
@@ -50,54 +56,37 @@ def mend(
     place[used] = np.arange(used.size)
     groups = {name: place[number[members]] for name, members in node_groups.items()}
     groups = {name: np.unique(members[members >= 0]) for name, members in groups.items()}
+    told += [f"left out node group '{name}': no element uses its nodes" for name in groups if not groups[name].size]
+    groups = {name: members for name, members in groups.items() if members.size}
     points, triangles = points[used], place[triangles]
     triangles = _turned(points, triangles, told)
-    return Mended(points, triangles, groups, tuple(told))
+    return Mended(points, triangles, groups, place[number], tuple(told))
 
 
-def _joined(points: NDArray[np.float64], triangles: NDArray[np.int32], told: list[str]) -> NDArray[np.int32]:
+def _joined(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], tolerance: float, told: list[str]
+) -> NDArray[np.int32]:
     """The lowest number of the nodes that are one with each node.
 
     Only the ends of two free edges at one place are joined: sheets that lie on each other touch in nodes that must stay apart.
     """
     number = np.arange(len(points), dtype=np.int32)
-    table = edge_table(triangles, len(points))
-    edges = table.nodes[table.tri_count == 1]
-    free = np.unique(edges)
-    if not free.size:
-        return number
-    near = cKDTree(points[free]).query_pairs(
-        SAME_PLACE * float(np.linalg.norm(np.ptp(points, axis=0))), output_type="ndarray"
-    )
-    place = np.zeros(len(points), dtype=np.int64)
-    place[free] = _linked(near, free.size)
-    # Both edges of a pair written from the lower place to the higher: then their first ends are one node, and their second ends.
-    edges = np.where((place[edges[:, 0]] > place[edges[:, 1]])[:, None], edges[:, ::-1], edges)
-    _, which, count = np.unique(place[edges], axis=0, return_inverse=True, return_counts=True)
-    which = which.ravel()
-    order = np.argsort(which, kind="stable")
-    pairs = order[count[which[order]] == 2].reshape(-1, 2)
-    crowded = int((count[which] > 2).sum())
-    if crowded:
+    found = seams(points, edge_table(triangles, len(points)), tolerance)
+    if found.crowded:
         told.append(
-            f"left {crowded} free edges alone: more than two lie at one place, so nothing tells which belong together"
+            f"left {found.crowded} free edges alone: more than two lie at one place, so nothing tells which belong together"
         )
-    label = _linked(edges[pairs].transpose(0, 2, 1).reshape(-1, 2), len(points))
+    label = linked(found.edges[found.pairs].transpose(0, 2, 1).reshape(-1, 2), len(points))
     _, first = np.unique(label, return_index=True)
     number = first[label].astype(np.int32)
     moved = np.flatnonzero(number != np.arange(len(points)))
     if moved.size:
+        gap = float(np.linalg.norm(points[moved] - points[number[moved]], axis=1).max())
         told.append(
-            f"joined {moved.size} nodes to others at the same place, the first is node {moved[0]} to node {number[moved[0]]}"
+            f"joined {moved.size} nodes to others at the same place, the first is node {moved[0]} to node {number[moved[0]]}; "
+            f"{len(found.pairs)} pairs of free edges, largest gap {gap:.3g}, tolerance {tolerance:.3g}"
         )
     return number
-
-
-def _linked(pairs: NDArray[Any], count: int) -> NDArray[np.int32]:
-    """One label for each of ``count`` things; those that pairs (n, 2) link, over others too, share it."""
-    rows, columns = pairs.astype(np.int32).T
-    graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), (rows, columns)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _turned(points: NDArray[np.float64], triangles: NDArray[np.int32], told: list[str]) -> NDArray[np.int32]:
@@ -132,7 +121,7 @@ def _flips(
     a, b = one // 3, other // 3
     rows = np.concatenate((a, a + count))
     columns = np.concatenate((np.where(opposed, b + count, b), np.where(opposed, b, b + count)))
-    label = _linked(np.column_stack((rows, columns)), 2 * count)
+    label = linked(np.column_stack((rows, columns)), 2 * count)
     as_is, turned = label[:count], label[count:]
     if (as_is == turned).any():
         return None

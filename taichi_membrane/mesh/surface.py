@@ -1,4 +1,4 @@
-"""Triangle mesh with named groups: topology, orientation, validation, reading any meshio format.
+"""Triangle mesh with named groups: topology, orientation, validation.
 
 Corner order is counter-clockwise seen from the positive side; pressure is positive along that normal, so the normals of
 an inflated closed body point outwards. Lengths are in any one unit.
@@ -6,23 +6,28 @@ an inflated closed body point outwards. Lengths are in any one unit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import check
-from taichi_membrane.mesh.conditions import select
-from taichi_membrane.mesh.read import read_parts
+from taichi_membrane.mesh.cracks import Tolerance, check_seams
 from taichi_membrane.mesh.repair import HINT, mend
-from taichi_membrane.mesh.rigid import rigid_motions_left
-from taichi_membrane.mesh.topology import EdgeTable, edge_table, node_parts
+from taichi_membrane.mesh.topology import EdgeTable, edge_table, node_parts, sorted_unique
 
-__all__ = ["Mesh", "read_mesh", "rigid_motions_left", "select", "with_groups"]
+
+def _no_points() -> NDArray[np.float64]:
+    return check.frozen(np.empty((0, 3)))
+
+
+def _no_lines() -> NDArray[np.int32]:
+    return check.frozen(np.empty((0, 2), dtype=np.int32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +40,13 @@ class Mesh:
     :param tri_groups: named sorted element numbers; "all" always.
     :param tri_warp: (tri_count, 3) unit vectors along the warp yarns, in the element's plane, or None when unknown.
     :param mended: what was repaired when the mesh was built, a line for each kind of fault.
+    :param loose_points: (k, 3) points that no triangle uses: ends of cables, points named in a file. Node ``node_count + i`` is the
+        i-th of them wherever node numbers may mean them: in ``lines`` and ``loose_groups``.
+    :param loose_groups: named sorted numbers of loose points. A group of nodes that are in part loose is in both tables.
+    :param lines: (line_count, 2) node numbers of line elements, such as cables.
+    :param line_groups: named sorted numbers of lines.
+    :param notes: what a file says that is not carried over, and what was decided when it was read, a line each.
+    :param tolerance: how near nodes of free edges are one, by the digits of the coordinates [length].
     """
 
     points: NDArray[np.float64]
@@ -43,6 +55,12 @@ class Mesh:
     tri_groups: Mapping[str, NDArray[np.int32]]
     tri_warp: NDArray[np.float64] | None = None
     mended: tuple[str, ...] = ()
+    loose_points: NDArray[np.float64] = field(default_factory=_no_points)
+    loose_groups: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
+    lines: NDArray[np.int32] = field(default_factory=_no_lines)
+    line_groups: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    tolerance: float = 0.0
 
     @classmethod
     def build(
@@ -55,6 +73,14 @@ class Mesh:
         *,
         where: str = "mesh",
         repair: bool = False,
+        open_seams: bool = False,
+        join: float | None = None,
+        digit: float | None = None,
+        lines: ArrayLike | None = None,
+        line_groups: Mapping[str, ArrayLike] | None = None,
+        loose_points: ArrayLike | None = None,
+        loose_groups: Mapping[str, ArrayLike] | None = None,
+        notes: Sequence[str] = (),
     ) -> Mesh:
         """Convert, check and freeze a mesh; add the groups "all" and "boundary" (unless one of that name is given).
 
@@ -62,40 +88,76 @@ class Mesh:
         :param where: the file or key the data came from; begins every message.
         :param repair: first join nodes at one place on free edges, leave out unused nodes, orient neighbours alike and
             closed bodies outwards; ``mended`` says what was done. Warp directions keep their elements.
+        :param open_seams: free edges that lie on each other stay apart, as slits; without it they are refused, or joined by repair.
+        :param join: repair joins nodes of free edges up to this distance [length]; by the digits of the coordinates when None.
+        :param digit: size of the coordinates' last digit [length]; found from the points when None.
+        :param lines, line_groups, loose_points, loose_groups, notes: as the fields of those names.
         :raises InputError: wrong shapes, coordinates that are not finite, node numbers out of range, degenerate or
-            duplicate elements, unused nodes, edges of three elements, neighbours of opposite orientation, a closed
-            body that is inside out, an empty group or one with numbers out of range.
+            duplicate elements, unused nodes, edges of three elements, neighbours of opposite orientation, free edges that nearly
+            coincide, a closed body that is inside out, an empty group or one with numbers out of range.
         """
         xyz = check.as_points(points, where)
         corners = check.as_triangles(triangles, len(xyz), where)
         node_members = check.as_groups(node_groups or {}, len(xyz), "node", where)
+        if join is not None and not 0.0 < join < np.inf:
+            raise InputError(f"{where}: join = {join!r} must be a distance above 0")
+        loose = check.as_loose(loose_points, lines, line_groups, loose_groups, len(xyz), where)
+        tolerance = Tolerance.of(xyz, corners, digit=digit, join=join)
         mended: tuple[str, ...] = ()
         if repair:
-            done = mend(xyz, corners, node_members)
+            done = mend(xyz, corners, node_members, None if open_seams else tolerance.same)
+            loose = loose.renumbered(done.new_number, len(done.points), where)
             xyz, corners, mended = done.points, done.triangles, done.told
             node_members = check.as_groups(done.node_groups, len(xyz), "node", where)
-        hint = "" if repair else HINT
-        area_vector = check.area_vectors(xyz, corners)
-        tri_area = np.linalg.norm(area_vector, axis=1)
-        check.check_elements(xyz, corners, tri_area, where, hint)
-        table = edge_table(corners, len(xyz))
-        check.check_edges(corners, table, where, hint)
-        check.check_bodies(xyz, corners, table, tri_area, where, hint)
-        nodes = {"all": check.frozen(np.arange(len(xyz), dtype=np.int32))}
-        boundary = table.nodes[table.tri_count == 1]
-        if boundary.size:
-            nodes["boundary"] = check.frozen(check.sorted_unique(boundary.ravel()))
+        area_vector, table = _checked(xyz, corners, where, "" if repair else HINT)
+        if not open_seams:
+            check_seams(xyz, corners, table, tolerance, where, repair)
         elements = {"all": check.frozen(np.arange(len(corners), dtype=np.int32))}
         mesh = cls(
             check.frozen(xyz),
             check.frozen(corners),
-            nodes | node_members,
+            _given_groups(len(xyz), table) | node_members,
             elements | check.as_groups(tri_groups or {}, len(corners), "element", where),
             None if tri_warp is None else check.frozen(check.as_warp(tri_warp, area_vector, where)),
             mended,
+            loose.points,
+            loose.groups,
+            loose.lines,
+            loose.line_groups,
+            tuple(notes),
+            tolerance.same,
         )
         mesh.__dict__["_edges"] = table  # the cached property, already computed here
         return mesh
+
+    @classmethod
+    def from_object(
+        cls,
+        thing: Any,
+        *,
+        repair: bool = False,
+        scale: float = 1.0,
+        open_seams: bool = False,
+        join: float | None = None,
+    ) -> Mesh:
+        """Convert a mesh of meshio, trimesh or pyvista; options are those of :func:`taichi_membrane.read_mesh`.
+
+        :raises InputError: another kind of object, cells that have no place in a mesh of triangles, or a fault of the mesh.
+        """
+        from taichi_membrane.mesh.files import from_object
+
+        return from_object(thing, repair=repair, scale=scale, open_seams=open_seams, join=join)
+
+    def save(self, path: str | Path) -> None:
+        """Write the mesh so that it is read back the same: groups, lines, loose points; directions in .vtu alone.
+
+        The file extension says how: .vtu, .inp, .msh or .stl.
+
+        :raises InputError: another extension, something the format cannot say, or a file that cannot be written.
+        """
+        from taichi_membrane.mesh.files import save
+
+        save(self, Path(path))
 
     @property
     def node_count(self) -> int:
@@ -149,20 +211,26 @@ class Mesh:
         return node_parts(self._edges.nodes, self.node_count)[1]
 
 
-def read_mesh(path: str | Path, *, repair: bool = False, scale: float = 1.0) -> Mesh:
-    """Read a triangle mesh from a file of any format meshio knows (gmsh, vtk, vtu, stl, obj, ply, Abaqus, …).
+def _checked(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], where: str, hint: str
+) -> tuple[NDArray[np.float64], EdgeTable]:
+    """Area vectors and edges of triangles that pass the checks of elements, edges and bodies."""
+    area_vector = check.area_vectors(points, triangles)
+    tri_area = np.linalg.norm(area_vector, axis=1)
+    check.check_elements(points, triangles, tri_area, where, hint)
+    table = edge_table(triangles, len(points))
+    check.check_edges(triangles, table, where, hint)
+    check.check_bodies(points, triangles, table, tri_area, where, hint)
+    return area_vector, table
 
-    Nodes that no triangle uses are dropped. Groups come from gmsh physical groups and from named cell and point sets;
-    named lines and vertices become node groups, a group of triangles also gives a node group of its name.
 
-    :param repair: mend what can be mended; see :meth:`Mesh.build`.
-    :param scale: factor on all coordinates.
-    :raises InputError: the file is missing, unreadable or of unknown format, holds cells other than triangles, lines
-        and vertices, or fails a check of :meth:`Mesh.build`.
-    """
-    parts = read_parts(Path(path))
-    points = scale * parts.points
-    return Mesh.build(points, parts.triangles, parts.node_groups, parts.tri_groups, where=str(path), repair=repair)
+def _given_groups(node_count: int, table: EdgeTable) -> dict[str, NDArray[np.int32]]:
+    """The groups of nodes that every mesh has."""
+    nodes = {"all": check.frozen(np.arange(node_count, dtype=np.int32))}
+    boundary = table.nodes[table.tri_count == 1]
+    if boundary.size:
+        nodes["boundary"] = check.frozen(sorted_unique(boundary.ravel()))
+    return nodes
 
 
 def with_groups(

@@ -26,7 +26,7 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.mesh.check import frozen
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Scene
-from taichi_membrane.scene.messages import first_problem
+from taichi_membrane.scene.messages import mistakes
 from taichi_membrane.simulation.results import ElementFields, Floats, ModeResult, Settings, StepResult
 
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 3
@@ -167,8 +167,7 @@ def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
     try:
         return Scene.model_validate(data)
     except ValidationError as error:
-        problem, _ = first_problem(error, data, Scene)
-        raise InputError(f"{directory / SUMMARY}: damaged scene: {problem}") from None
+        raise InputError(f"{directory / SUMMARY}: damaged scene: {mistakes(error, data, Scene)}") from None
 
 
 def _mesh(path: Path, checksum: str) -> Mesh:
@@ -185,6 +184,7 @@ def _mesh(path: Path, checksum: str) -> Mesh:
         _groups(cells),
         warp,
         where=str(path),
+        open_seams=True,  # the scene said what becomes of them when the run began
     )
     # They were unit vectors in the elements' planes already; made so once more, they would differ in the last bit.
     return mesh if warp is None else replace(mesh, tri_warp=frozen(np.asarray(warp, dtype=np.float64)))

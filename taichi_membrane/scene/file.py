@@ -12,20 +12,22 @@ from pydantic import ValidationError
 
 from taichi_membrane.errors import InputError, kind_of_path
 from taichi_membrane.scene import Scene
-from taichi_membrane.scene.messages import did_you_mean, first_problem, nearest, shown
+from taichi_membrane.scene.messages import did_you_mean, mistakes, nearest, shown
 
 LARGEST_FILE = 1_000_000  # bytes; a scene holds no mesh, so a larger file is not one
 # A dotted key of many parts: reading it takes Python's TOML reader time with the square of their number.
 _DEEP_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){40}""")
 
 
-def load_scene(path: Path, overrides: Sequence[str] = ()) -> Scene:
+def load_scene(path: Path | str, overrides: Sequence[str] = ()) -> Scene:
     """Read and validate a scene file.
 
+    :param path: the file; as a text also the name of a shipped scene.
     :param overrides: ``KEY=VALUE`` texts. KEY is dotted, such as ``mesh.around`` or ``stages.load.steps``; an item of a list
         goes by its ``name`` or its number from 1. VALUE is a TOML value; what is not one is taken as a text.
     :raises InputError: the file cannot be read, or is not a scene; the message names file, key and what is allowed.
     """
+    path = resolve_scene(path) if isinstance(path, str) else path
     text = _read(path)
     data = _parse(path, text)
     for override in overrides:
@@ -33,9 +35,9 @@ def load_scene(path: Path, overrides: Sequence[str] = ()) -> Scene:
     try:
         return Scene.model_validate(data)
     except ValidationError as error:
-        problem, others = first_problem(error, data, Scene)
+        told = mistakes(error, data, Scene)
     source = f"{path} with {' '.join(overrides)}" if overrides and _is_scene(_parse(path, text)) else str(path)
-    raise InputError(f"{source}: {problem}" + (f" (and {others} more)" if others else ""))
+    raise InputError(f"{source}: {told}")
 
 
 def shipped_scenes() -> dict[str, Path]:

@@ -13,98 +13,154 @@ class TubeShape(Record):
     """A straight tube along +x from 0 to ``length``, with or without caps."""
 
     shape: Literal["tube"]
+    """A straight tube."""
     radius: Positive
+    """Radius [length]."""
     length: Positive
+    """Length without caps [length]."""
     around: Annotated[int, Field(ge=3, le=20_000)]
+    """Elements around."""
     along: Count
+    """Rings of elements along it."""
     cap_start: Literal["none", "flat", "hemisphere"] = "none"
+    """Cap at x = 0; flat and hemisphere caps close the tube."""
     cap_end: Literal["none", "flat", "hemisphere"] = "hemisphere"
+    """Cap at the other end."""
     pattern: Literal["staggered", "diagonal"] = "staggered"
+    """How triangles lie: staggered rings, or squares cut by a diagonal."""
 
 
 class ArchShape(Record):
     """A tube along a circular arc in the xz plane, feet on z = 0, open ends."""
 
     shape: Literal["arch"]
+    """A tube along a circular arc."""
     span: Positive
+    """Distance of the feet's centres [length]."""
     radius: Positive
+    """Radius of the tube [length]."""
     around: Annotated[int, Field(ge=3, le=20_000)]
+    """Elements around the tube."""
     along: Count
+    """Rings of elements along the arc."""
     angle: Annotated[float, Field(gt=0, lt=360)] = 180.0
+    """Angle of the arc [degrees]."""
     pattern: Literal["staggered", "diagonal"] = "staggered"
+    """How triangles lie: staggered rings, or squares cut by a diagonal."""
 
 
 class CushionShape(Record):
     """Two flat rectangular sheets in z = 0, seamed along their rim."""
 
     shape: Literal["cushion"]
+    """Two sheets seamed along their rim."""
     width: Positive
+    """Side along x [length]."""
     height: Positive
+    """Side along y [length]."""
     along_x: Count
+    """Squares along x."""
     along_y: Count
+    """Squares along y."""
     pattern: Literal["diagonal", "alternating", "crossed"] = "alternating"
+    """How squares are cut in triangles."""
 
 
 class PanelShape(Record):
     """A flat rectangle in z = 0 with a corner at the origin."""
 
     shape: Literal["panel"]
+    """A flat rectangle."""
     width: Positive
+    """Side along x [length]."""
     height: Positive
+    """Side along y [length]."""
     along_x: Count
+    """Squares along x."""
     along_y: Count
+    """Squares along y."""
     pattern: Literal["diagonal", "alternating", "crossed"] = "diagonal"
+    """How squares are cut in triangles."""
 
 
 class SphereShape(Record):
     """A sphere about the origin: a subdivided octahedron."""
 
     shape: Literal["sphere"]
+    """A sphere."""
     radius: Positive
+    """Radius [length]."""
     divisions: Annotated[int, Field(ge=1, le=3000)]
+    """Parts of each edge of the octahedron."""
 
 
 class DiscShape(Record):
     """A flat disc in z = 0 about the origin; ring k has ``sectors`` · k nodes."""
 
     shape: Literal["disc"]
+    """A flat disc."""
     radius: Positive
+    """Radius [length]."""
     rings: Annotated[int, Field(ge=1, le=3000)]
+    """Rings of elements."""
     sectors: Annotated[int, Field(ge=3, le=64)] = 6
+    """Triangles at the centre."""
 
 
 class AnnulusShape(Record):
     """A flat ring in z = 0 about the origin, between two radii; nodes in staggered rings of ``around``."""
 
     shape: Literal["annulus"]
+    """A flat ring."""
     inner: Positive
+    """Inner radius [length]."""
     outer: Positive
+    """Outer radius [length]."""
     around: Annotated[int, Field(ge=3, le=20_000)]
+    """Elements around."""
     rings: Count
+    """Rings of elements."""
 
 
 class WedgeShape(Record):
     """A sector of a flat disc in z = 0: apex at the origin, from the x axis counter-clockwise over ``angle`` degrees."""
 
     shape: Literal["wedge"]
+    """A sector of a disc."""
     radius: Positive
+    """Radius [length]."""
     angle: Annotated[float, Field(gt=0, le=180)]
+    """Angle at the apex [degrees]."""
     rings: Annotated[int, Field(ge=1, le=3000)]
+    """Rings of elements."""
     around: Count = 1
+    """Triangles at the apex."""
 
 
 class GivenMesh(Record):
     """The mesh is handed to :func:`taichi_membrane.execution.run` as an object."""
 
     shape: Literal["given"]
+    """A mesh object, ``tm.run(scene, mesh=...)``."""
 
 
 class MeshFile(Record):
-    """A triangle mesh in any format meshio reads; a relative path is relative to the scene file."""
+    """A triangle mesh in a file (docs/meshes.md lists the formats); a relative path is relative to the scene file.
+
+    ``open_seams`` keeps free edges that lie on each other apart, as slits; without it they are refused, or joined by ``--repair``.
+    ``join`` is how near nodes of free edges are one for ``--repair`` [length]; by the file's digits without it.
+    """
 
     shape: Literal["file"] = "file"
+    """A mesh file."""
     path: Annotated[str, Field(min_length=1, max_length=1000)]
+    """Path, relative to the scene file."""
     scale: Positive = 1.0
+    """Factor on its coordinates, say 1000 from metres to millimetres."""
+    open_seams: bool = False
+    """Keep free edges that lie on each other apart, as slits."""
+    join: Positive | None = None
+    """Distance at which ``--repair`` joins free edges [length]; by the digits of the file without it."""
 
 
 MeshSource = Annotated[

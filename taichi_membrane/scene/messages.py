@@ -1,4 +1,4 @@
-"""Turns what pydantic finds wrong with a scene into one line: which key, what is wrong, what is allowed."""
+"""Turns what pydantic finds wrong with a scene into one line: which keys, what is wrong, what is allowed."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 _LONGEST_VALUE = 60  # characters of a bad value that are repeated in a message
+_MOST_TOLD = 8  # mistakes in one message; who mends these runs it again
 _MOST_READ = 200  # errors that are put into words; a file full of rubbish has a hundred thousand
 _COMPARED = {
     "greater_than": ("gt", "above"),
@@ -53,17 +54,24 @@ class _Place:
     annotation: Any
 
 
-def first_problem(error: ValidationError, data: Any, model: type[BaseModel]) -> tuple[Fault, int]:
-    """The problem worth telling first, and the number of others.
+def mistakes(error: ValidationError, data: Any, model: type[BaseModel]) -> str:
+    """Every mistake in one line, the one that explains most first; of a great many the first ones, and how many are left.
 
     :param data: what was validated; names the items of lists.
     :param model: the model it was validated with.
     """
+    faults, unread = _faults(error, data, model)
+    left = len(faults[_MOST_TOLD:]) + unread
+    return "; ".join(map(str, faults[:_MOST_TOLD])) + (f" (and {left} more)" if left else "")
+
+
+def _faults(error: ValidationError, data: Any, model: type[BaseModel]) -> tuple[list[Fault], int]:
+    """What is wrong, by key, and how many errors were not put into words."""
     details = [detail for detail in error.errors(include_url=False) if not _wrong_branch(detail)]
     # A misspelt key is both unknown and missing; what was written tells more than what was not.
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     details, unread = details[:_MOST_READ], len(details[_MOST_READ:])
-    problems: dict[str, Fault] = {}
+    faults: dict[str, Fault] = {}
     explained: set[str] = set()
     for detail in details:
         place = _place(detail["loc"], data, model)
@@ -72,9 +80,9 @@ def first_problem(error: ValidationError, data: Any, model: type[BaseModel]) -> 
         if detail["type"] == "extra_forbidden":
             meant = nearest(str(detail["loc"][-1]), _keys(place.table))
             explained.update({_joined(place.key.rpartition(".")[0], meant)} if meant else ())
-        problem = _problem(detail, place)
-        problems.setdefault(problem.key, problem)
-    return next(iter(problems.values())), len(problems) - 1 + unread
+        fault = _fault(detail, place)
+        faults.setdefault(fault.key, fault)
+    return list(faults.values()), unread
 
 
 def nearest(word: str, allowed: Iterable[str]) -> str | None:
@@ -177,7 +185,7 @@ def _keys(table: type[BaseModel] | None) -> tuple[str, ...]:
     return tuple(table.model_fields) if table is not None else ()
 
 
-def _problem(detail: ErrorDetails, place: _Place) -> Fault:
+def _fault(detail: ErrorDetails, place: _Place) -> Fault:
     """Word one error; the tag errors concern the key of the tag inside the table they are reported for."""
     kind, context, given = detail["type"], detail.get("ctx", {}), detail["input"]
     if kind == "extra_forbidden":

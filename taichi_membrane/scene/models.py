@@ -27,7 +27,9 @@ class Units(Record):
     """The consistent units all numbers of a scene are in; only labels depend on them."""
 
     length: Literal["mm", "cm", "m", "in", "ft"]
+    """Unit of every length."""
     force: Literal["N", "kN", "MN", "lbf"]
+    """Unit of every force; stress and pressure are force per length²."""
 
     @property
     def stress(self) -> str:
@@ -56,7 +58,9 @@ class Group(Record):
     """A named group chosen by coordinates, such as ``"x = 0 within 1e-6 and z > 3"``."""
 
     where: Annotated[str, Field(max_length=1000)]
+    """Condition on coordinates, such as ``x = 0 within 1e-6 and z > 3``; elements belong by their centroid."""
     kind: Literal["nodes", "elements"] = "nodes"
+    """Whether it names nodes or elements."""
 
 
 class Fabric(Record):
@@ -68,17 +72,29 @@ class Fabric(Record):
     """
 
     E: Positive | None = None
+    """Young's modulus of an isotropic fabric [force/length²]; leave out for an orthotropic one."""
     E_warp: Positive | None = None
+    """Young's modulus along the warp [force/length²]."""
     E_weft: Positive | None = None
+    """Young's modulus along the weft [force/length²]."""
     nu: Finite
+    """Poisson's ratio: contraction in weft per extension in warp."""
     G: Positive | None = None
+    """Shear modulus of an orthotropic fabric [force/length²]."""
     thickness: Positive
+    """Thickness [length]; stress times thickness is the resultant."""
     law: WrinklingLaw = "tension_field"
+    """What compression does: ``tension_field`` wrinkles, ``clip`` (of the seed) has no energy, ``none`` bears it."""
     side_strain: SideStrain = "green"
+    """Strain of a side: ``green``, or ``engineering`` as in the seed paper."""
     warp: Direction | None = None
+    """Direction that is projected on each element as its warp; without it the shape's own."""
     warp_angle: Finite = 0.0
+    """Turns the warp about the normal [degrees]."""
     prestress: Vector = (0.0, 0.0, 0.0)
+    """Stress (warp, weft, shear) in the unstressed shape [force/length²]."""
     density: Positive | None = None
+    """Mass per volume [force · time²/length⁴], for vibration modes alone."""
 
     @model_validator(mode="after")
     def _moduli(self) -> Self:
@@ -125,9 +141,13 @@ class Pressure(Record):
     """
 
     group: GroupName = "all"
+    """Element group that it acts on; ``all`` is every element."""
     kind: Literal["follower", "fixed"] = "follower"
+    """``follower`` stays normal to the moving surface, ``fixed`` keeps direction and size of the unstressed shape."""
     ambient: Positive | None = None
+    """Absolute pressure outside [force/length²], for stages that shut the valve."""
     exponent: Annotated[float, Field(ge=1, le=2)] = 1.0
+    """Exponent n of p_abs Vⁿ in a shut chamber: 1 isothermal, 1.4 adiabatic air."""
 
 
 class Load(Record):
@@ -139,9 +159,13 @@ class Load(Record):
     """
 
     group: GroupName
+    """Node group (``total``, ``line``) or element group (``area``) that it acts on."""
     direction: Direction
+    """Direction of the force; its length multiplies the factor."""
     kind: Literal["total", "line", "area"] = "total"
+    """``total`` force over nodes, ``line`` force per length of edges, ``area`` force per area."""
     spread: Literal["equal", "edges", "area"] = "equal"
+    """How a total is shared out: ``equal``, or by the length of ``edges`` or the ``area`` of each node."""
 
 
 class Stage(Record):
@@ -154,13 +178,21 @@ class Stage(Record):
     """
 
     name: Name
+    """Name that checks, curves and results use."""
     steps: Annotated[int, Field(ge=1, le=10_000)] = 1
+    """Number of equal load steps; by arc length the most steps."""
     pressure: Finite | dict[Name, Finite] | None = None
+    """Pressure at the stage's end [force/length²]: one number where the scene has one pressure, else a table by name."""
     loads: dict[Name, Finite] = {}
+    """Factor of each load at the stage's end; what is not named keeps its value."""
     motions: dict[Name, Finite] = {}
+    """Factor of each motion at the stage's end."""
     control: Literal["load", "arc_length"] = "load"
+    """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""
     until: Literal["target", "collapse"] = "target"
+    """``collapse``: the stage is meant to meet its largest stable load, and the run goes on from there."""
     closed: list[Name] = []
+    """Pressures whose valve is shut during the stage: they follow their volume."""
 
     @property
     def may_end_early(self) -> bool:
@@ -185,12 +217,19 @@ class Check(Record):
     """
 
     probe: str
+    """Name of the probe."""
     stage: str
+    """Name of the stage."""
     step: int = -1
+    """Load step of the stage from 1, or from its end with -1."""
     reference: Finite
+    """What the value should be."""
     tolerance: Positive | None = None
+    """Largest error relative to the reference."""
     absolute: Positive | None = None
+    """Largest absolute error."""
     source: Annotated[Label, Field(min_length=1)]
+    """Where the reference comes from."""
 
     @model_validator(mode="after")
     def _one_tolerance(self) -> Self:
@@ -205,14 +244,23 @@ class Camera(Record):
     """How the pictures look; one camera and one colour range serve all steps of a run."""
 
     field: Literal["state", "fold_strain", "major_stress", "displacement"] = "state"
+    """What the colours show."""
     azimuth: Finite = -60.0
+    """Where the camera stands, about z [degrees]."""
     elevation: Annotated[float, Field(ge=-90, le=90)] = 20.0
+    """Height above the xy plane [degrees]."""
     projection: Literal["perspective", "orthographic"] = "perspective"
+    """Perspective or orthographic."""
     size: tuple[Annotated[int, Field(ge=240, le=8192)], Annotated[int, Field(ge=160, le=8192)]] = (1600, 1000)
+    """Width and height [pixels]."""
     outline: bool = True
+    """Draw the unstressed shape."""
     loads: bool = True
+    """Draw arrows at loads."""
     supports: bool = False
+    """Draw marks at supports."""
     directions: bool = True
+    """Draw lines along wrinkles."""
 
     @field_validator("size")
     @classmethod
@@ -228,16 +276,22 @@ class CurveLine(Record):
     """A line across the curve plot at a value of x or of y."""
 
     label: Label
+    """What is written at the line."""
     axis: Literal["x", "y"]
+    """Axis whose value it marks."""
     value: Finite
+    """Value on that axis."""
 
 
 class CurveReference(Record):
     """A reference curve, drawn beside the computed one."""
 
     label: Label
+    """What the legend says."""
     x: list[Finite]
+    """Values along x."""
     y: list[Finite]
+    """Values along y, as many."""
 
     @model_validator(mode="after")
     def _same_length(self) -> Self:
@@ -254,14 +308,23 @@ class Curve(Record):
     """
 
     x: str
+    """Quantity along x."""
     y: str
+    """Quantity along y."""
     stage: str | None = None
+    """Stage it is limited to; all stages without it."""
     x_scale: Finite = 1.0
+    """Factor on x."""
     y_scale: Finite = 1.0
+    """Factor on y, say -1 for a deflection along -z."""
     x_label: Label | None = None
+    """Text at the x axis; made from name and unit without it."""
     y_label: Label | None = None
+    """Text at the y axis."""
     lines: list[CurveLine] = []
+    """Lines across the plot."""
     references: list[CurveReference] = []
+    """Curves to compare with."""
 
 
 class Solver(Record):
@@ -277,11 +340,17 @@ class Solver(Record):
     """
 
     kind: Literal["hybrid", "newton", "relaxation"] = "hybrid"
+    """``newton``, ``relaxation``, or ``hybrid``: Newton, with relaxation where it does not get on."""
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """Out-of-balance over acting forces at which a state is an equilibrium; 1e-6, in single precision 3e-6."""
     max_iterations: Annotated[int, Field(ge=1, le=1_000_000_000)] = 200_000
+    """Most iterations of relaxation in one solve."""
     max_cuts: Annotated[int, Field(ge=0, le=20)] = 4
+    """How often a load step that fails is halved."""
     stability: bool = True
+    """Count negative eigenvalues of the tangent at every load step."""
     memory: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    """Memory that a factor may take [GiB]; what the machine has without it."""
 
 
 class Modes(Record):
@@ -292,33 +361,56 @@ class Modes(Record):
     """
 
     kind: Literal["vibration", "buckling"]
+    """``vibration`` about the present state, or linearised ``buckling``."""
     count: Annotated[int, Field(ge=1, le=100)] = 4
+    """How many."""
     stage: str | None = None
+    """Stage at whose load steps they are computed; all without it."""
 
 
 class Scene(Record):
     """Everything a run needs."""
 
     name: Name
+    """Name of the scene, and of its output folder."""
     title: Label = ""
+    """Title of pictures and tables."""
     description: str = ""
+    """What it is about, for the reader of the file."""
     units: Units
+    """The consistent units of all its numbers."""
     mesh: MeshSource
+    """Parametric shape, file, or ``given`` as an object."""
     groups: Annotated[dict[Name, Group], _FEW] = {}
+    """Groups chosen by coordinates, beside those of the mesh."""
     fabric: Fabric | None = None
+    """Fabric of all elements that no entry of ``fabrics`` names."""
     fabrics: Annotated[dict[Name, Fabric], _FEW] = {}
+    """Fabric of each element group."""
     supports: Annotated[list[Support], _FEW] = []
+    """What is held."""
     pressures: Annotated[dict[Name, Pressure], _FEW] = {"inside": Pressure()}
+    """Pressures by name; without any, one named ``inside`` on all elements."""
     loads: Annotated[dict[Name, Load], _FEW] = {}
+    """Dead loads of unit factor by name."""
     motions: Annotated[dict[Name, Motion], _FEW] = {}
+    """Prescribed motions of unit factor by name."""
     stages: Annotated[list[Stage], Field(min_length=1, max_length=MOST)]
+    """Ramps of pressures, loads and motions, one after another."""
     probes: Annotated[dict[Name, Probe], _FEW] = {}
+    """What is measured at every load step, by name."""
     checks: Annotated[list[Check], _FEW] = []
+    """Probe values against references."""
     derivatives: Annotated[list[Name], _FEW] = []
+    """Probes to differentiate with respect to each load, pressure and thickness."""
     modes: Modes | None = None
+    """Vibration or buckling modes to compute."""
     curve: Curve | None = None
+    """What ``curve.png`` plots."""
     camera: Camera = Camera()
+    """How pictures look."""
     solver: Solver = Solver()
+    """How equilibrium is found."""
 
     @model_validator(mode="after")
     def _references(self) -> Self:

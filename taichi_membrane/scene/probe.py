@@ -13,57 +13,79 @@ class DisplacementProbe(Record):
     """Mean displacement of a node group along x, y, z, or its ``magnitude``."""
 
     kind: Literal["displacement"]
+    """Mean displacement [length]."""
     group: GroupName
+    """Node group."""
     component: Literal["x", "y", "z", "magnitude"]
+    """Along an axis, or its magnitude."""
 
 
 class ReactionProbe(Record):
     """Sum of the support forces on a node group."""
 
     kind: Literal["reaction"]
+    """Sum of support forces [force]."""
     group: GroupName
+    """Node group."""
     component: Component
+    """Along an axis."""
 
 
 class MomentProbe(Record):
     """Moment of the support forces on a node group about an axis through a point, right-handed, on the deformed shape."""
 
     kind: Literal["moment"]
+    """Moment of support forces [force · length]."""
     group: GroupName
+    """Node group."""
     axis: Direction
+    """Direction of the axis."""
     through: Vector
+    """A point on it."""
 
 
 class RotationProbe(Record):
     """Mean rotation, in degrees, of a node group about an axis through a point: least squares over its nodes."""
 
     kind: Literal["rotation"]
+    """Mean rotation [degrees]."""
     group: GroupName
+    """Node group."""
     axis: Direction
+    """Direction of the axis."""
     through: Vector
+    """A point on it."""
 
 
 class RadiusProbe(Record):
     """Mean distance of a node group's deformed positions from an axis (through the group's middle), or from that middle."""
 
     kind: Literal["radius"]
+    """Mean distance [length]."""
     group: GroupName
+    """Node group."""
     axis: Component | Literal["centre"]
+    """From an axis, or from the group's middle."""
 
 
 class VolumeProbe(Record):
     """Volume enclosed by a closed body; for an open one, the volume swept since rest."""
 
     kind: Literal["volume"]
+    """Enclosed, or swept, volume [length³]."""
 
 
 class StressProbe(Record):
     """Extreme or area-mean principal stress of an element group."""
 
     kind: Literal["stress"]
+    """Principal stress [force/length²]."""
     group: GroupName = "all"
+    """Element group."""
     which: Literal["major", "minor"] = "major"
+    """Major or minor one."""
     reduce: Literal["max", "min", "mean"] = "max"
+    """Extreme or area mean."""
 
 
 class FactorProbe(Record):
@@ -71,15 +93,20 @@ class FactorProbe(Record):
     equilibrium path, found."""
 
     kind: Literal["factor"]
+    """Value of a driver."""
     of: Annotated[str, Field(pattern=r"^(load|motion|pressure)\.\w+$")]
+    """``load.NAME``, ``motion.NAME`` or ``pressure.NAME``."""
 
 
 class AreaProbe(Record):
     """Share (0 to 1) of an element group's area that is in a state."""
 
     kind: Literal["area_share"]
+    """Share of area, 0 to 1."""
     group: GroupName = "all"
+    """Element group."""
     state: Literal["taut", "wrinkled", "slack"] = "wrinkled"
+    """State that counts."""
 
 
 Probe = Annotated[

@@ -26,8 +26,11 @@ class Support(Record):
     """
 
     group: GroupName
+    """Node group."""
     hold: Components | None = None
+    """Which of x, y, z are held."""
     normal: Direction | None = None
+    """Direction along which nodes are held: a plane of symmetry."""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -40,9 +43,13 @@ class Translation(Record):
     """A prescribed motion: the named components of a node group move by the stage's factor times ``direction``."""
 
     kind: Literal["translation"]
+    """A translation."""
     group: GroupName
+    """Node group."""
     direction: Vector
+    """Displacement at factor 1 [length]."""
     hold: Components = "xyz"
+    """Components that are prescribed; the others stay free."""
 
 
 class Rotation(Record):
@@ -52,10 +59,15 @@ class Rotation(Record):
     """
 
     kind: Literal["rotation"]
+    """A rigid rotation."""
     group: GroupName
+    """Node group."""
     axis: Direction
+    """Direction of the axis, right-handed."""
     through: Vector
+    """A point on it."""
     hold: Components = "xyz"
+    """Components that are prescribed; the others stay free."""
 
 
 Motion = Annotated[Translation | Rotation, Field(discriminator="kind")]

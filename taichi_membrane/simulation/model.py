@@ -125,7 +125,8 @@ def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) 
     source = scene.mesh
     arguments = source.model_dump(exclude={"shape"})
     if source.shape == "file":
-        mesh = meshes.read_mesh((base or Path()) / source.path, repair=repair, scale=source.scale)
+        path = (base or Path()) / source.path
+        mesh = meshes.read_mesh(path, repair=repair, scale=source.scale, open_seams=source.open_seams, join=source.join)
     else:
         if source.shape == "given":
             raise InputError("mesh.shape = 'given' needs a mesh object: run(scene, mesh=...)")
@@ -202,6 +203,8 @@ def group_nodes(mesh: Mesh, name: str, key: str) -> Ints:
 
     :raises InputError: no such group; the message lists those that exist.
     """
+    if name not in mesh.node_groups and name in mesh.loose_groups:
+        raise InputError(f"{key}: node group {name!r} holds only points that no element uses; choose nodes of the mesh")
     if name not in mesh.node_groups:
         raise InputError(f"{key}: no node group {name!r} in this mesh; allowed: {', '.join(mesh.node_groups)}")
     return np.asarray(mesh.node_groups[name])

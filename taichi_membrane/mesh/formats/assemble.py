@@ -1,0 +1,264 @@
+"""From what a file says to the arrays of a mesh: quads split, nodes counted, lines and lone points kept apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.mesh.formats.raw import CORNERS, RawMesh
+from taichi_membrane.mesh.formats.source import Source, listed, several
+from taichi_membrane.mesh.precision import resolution
+from taichi_membrane.mesh.topology import sorted_unique
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshParts:
+    """What a file holds, before validation. Nodes of triangles come first; the numbers after theirs are loose points.
+
+    :param points: (n, 3) nodes that triangles use.
+    :param loose_points: (k, 3) nodes that only lines and groups use; node n + i is the i-th of them.
+    :param lines: (m, 2) node numbers of line elements.
+    :param loose_groups: named node numbers, all of them n or above.
+    :param line_groups: named numbers of lines.
+    :param resolution: last digit of the coordinates as the file gives them [length].
+    :param element_name, node_name: what the file calls a triangle and a node, for messages.
+    """
+
+    points: NDArray[np.float64]
+    triangles: Ints
+    node_groups: dict[str, Ints]
+    tri_groups: dict[str, Ints]
+    tri_warp: NDArray[np.float64] | None
+    loose_points: NDArray[np.float64]
+    lines: Ints
+    loose_groups: dict[str, Ints]
+    line_groups: dict[str, Ints]
+    resolution: float
+    element_name: Callable[[int], str] | None
+    node_name: Callable[[int], str] | None
+    notes: list[str] = field(default_factory=list)
+
+
+def assemble(source: Source, raw: RawMesh) -> MeshParts:
+    """Turn a file's content into the arrays of a mesh.
+
+    :raises InputError: no triangles, cells of nodes that there are not, coordinates that are not finite.
+    """
+    notes = list(raw.notes)
+    _check(source, raw)
+    points, raw = _welded(raw)
+    triangles, tri_cell = _triangles(points, raw, notes)
+    lines, line_cell = _of_kind(raw, "line")
+    first = np.full(raw.cell_count, -1, dtype=np.int64)
+    count = np.zeros(raw.cell_count, dtype=np.int64)
+    first[tri_cell[::-1]] = np.arange(len(tri_cell))[::-1]
+    np.add.at(count, tri_cell, 1)
+    line_number = np.full(raw.cell_count, -1, dtype=np.int64)
+    line_number[line_cell] = np.arange(len(line_cell))
+    nodes, tri_groups, line_groups = _groups(raw, triangles, lines, first, count, line_number, notes)
+    used = np.zeros(len(points), dtype=bool)
+    used[triangles] = True
+    kept = np.zeros(len(points), dtype=bool)
+    kept[lines] = True
+    for members in nodes.values():
+        kept[members] = True
+    kept &= ~used
+    number = np.full(len(points), -1, dtype=np.int64)
+    number[used] = np.arange(used.sum())
+    number[kept] = used.sum() + np.arange(kept.sum())
+    unused = int((number < 0).sum())
+    if unused:
+        notes.append(f"left out {several(unused, 'node')} that no element and no group uses")
+    nodes, tri_groups = (
+        _without_reserved(nodes, int(used.sum()), notes),
+        _without_reserved(tri_groups, len(triangles), notes),
+    )
+    renumbered = {name: number[members] for name, members in nodes.items()}
+    loose = {name: np.sort(members[members >= used.sum()]) for name, members in renumbered.items()}
+    inside = {name: np.sort(members[members < used.sum()]) for name, members in renumbered.items()}
+    for name, members in loose.items():
+        if members.size and not inside[name].size:
+            notes.append(f"group '{name}' holds only {several(members.size, 'point')} that no triangle uses")
+    return MeshParts(
+        points=points[used],
+        triangles=number[triangles],
+        node_groups={name: members for name, members in inside.items() if members.size},
+        tri_groups=tri_groups,
+        tri_warp=None if raw.tri_warp is None else raw.tri_warp[tri_cell],
+        loose_points=points[kept],
+        lines=number[lines],
+        loose_groups={name: members for name, members in loose.items() if members.size},
+        line_groups=line_groups,
+        resolution=resolution(raw.points) if raw.resolution is None else raw.resolution,
+        element_name=_through(raw.cell_name, tri_cell),
+        node_name=_through(raw.node_name, np.flatnonzero(used)),
+        notes=notes,
+    )
+
+
+def _without_reserved(groups: dict[str, Ints], count: int, notes: list[str]) -> dict[str, Ints]:
+    """The groups with other names for those that a mesh cannot give: none, and "all" for a part."""
+    found: dict[str, Ints] = {}
+    for name, members in groups.items():
+        own = name if name.strip() else "unnamed"
+        own = "all_of_file" if own == "all" and len(members) != count else own
+        if own != name:
+            notes.append(f"the group named {name!r} goes by the name '{own}'")
+        found[own] = members
+    return found
+
+
+def _through(name: Callable[[int], str] | None, places: Ints) -> Callable[[int], str] | None:
+    """The names of things that stand at other places in the file."""
+    return None if name is None else lambda number: name(int(places[number]))
+
+
+def _check(source: Source, raw: RawMesh) -> None:
+    """Refuse what no numbering can make good: points without three numbers, cells without nodes, no triangles."""
+    if raw.points.ndim != 2 or raw.points.shape[1] != 3:
+        raise source.fault(f"points of three coordinates are expected, got an array of shape {raw.points.shape}")
+    if not any(block.kind in ("triangle", "quad") and len(block.nodes) for block in raw.cells):
+        held = [
+            several(len(block.nodes), block.kind, "vertices" if block.kind == "vertex" else "")
+            for block in raw.cells
+            if len(block.nodes)
+        ]
+        told = f", only {listed(held)}" if held else " and no cells"
+        raise source.fault(f"the file holds no triangles{told}, and {several(len(raw.points), 'node')}")
+    number = 0
+    for block in raw.cells:
+        bad = np.flatnonzero(((block.nodes < 0) | (block.nodes >= len(raw.points))).any(axis=1))
+        if bad.size:
+            nodes = block.nodes[bad[0]]
+            node = int(nodes[(nodes < 0) | (nodes >= len(raw.points))][0])
+            cell = int(number + bad[0])
+            name = raw.cell_name(cell) if raw.cell_name else f"{block.kind} {cell}"
+            raise source.fault(f"{name} uses node {node}, but node numbers run from 0 to {len(raw.points) - 1}")
+        number += len(block.nodes)
+
+
+def _welded(raw: RawMesh) -> tuple[NDArray[np.float64], RawMesh]:
+    """Points and content with equal positions made one node, where the format has no node numbers."""
+    if not raw.welded:
+        return raw.points, raw
+    points, number = weld(raw.points)
+    for at, block in enumerate(raw.cells):
+        raw.cells[at] = type(block)(block.kind, number[block.nodes])
+    raw.point_groups = {name: np.unique(number[members]) for name, members in raw.point_groups.items()}
+    return points, raw
+
+
+def weld(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], Ints]:
+    """The distinct positions in the order they first come, and the number of each point among them.
+
+    Exactly equal positions only. Sorted by a 64-bit mixture of the coordinates, which takes a sixth of the time of sorting rows;
+    positions of one mixture that differ (never seen) are left to sorting rows.
+    """
+    clean = points + 0.0  # -0.0 and 0.0 are one place
+    bits = np.ascontiguousarray(clean).view(np.uint64)
+    key = bits[:, 0].copy()
+    for column in (1, 2):
+        key = (key ^ (key >> np.uint64(31))) * np.uint64(0x9E3779B97F4A7C15) + bits[:, column]
+    key = (key ^ (key >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+    order = np.argsort(key, kind="stable")
+    new = np.concatenate(([True], np.diff(key[order]) != 0)) if len(order) else np.empty(0, dtype=bool)
+    label = np.cumsum(new) - 1
+    if (clean[order] != clean[order[new]][label]).any():
+        _, first, inverse = np.unique(clean, axis=0, return_index=True, return_inverse=True)
+        label_of, first = inverse.ravel(), first
+    else:
+        label_of = np.empty(len(points), dtype=np.int64)
+        label_of[order] = label
+        first = order[new]  # the sort is stable: the first point of each place
+    rank = np.empty(len(first), dtype=np.int64)
+    by_first = np.argsort(first)
+    rank[by_first] = np.arange(len(first))
+    return clean[first[by_first]], rank[label_of]
+
+
+def _of_kind(raw: RawMesh, kind: str) -> tuple[Ints, Ints]:
+    """All cells of one kind and their numbers."""
+    nodes, numbers, offset = [np.empty((0, CORNERS[kind]), dtype=np.int64)], [np.empty(0, dtype=np.int64)], 0  # type: ignore[index]
+    for block in raw.cells:
+        if block.kind == kind:
+            nodes.append(block.nodes)
+            numbers.append(np.arange(offset, offset + len(block.nodes)))
+        offset += len(block.nodes)
+    return np.concatenate(nodes), np.concatenate(numbers)
+
+
+def _triangles(points: NDArray[np.float64], raw: RawMesh, notes: list[str]) -> tuple[Ints, Ints]:
+    """Triangles in the order of the file, quads as two, and the cell that each comes from.
+
+    A quad that gives one corner twice in a row is how some programs write a triangle; it is one.
+    """
+    tri, tri_cell = _of_kind(raw, "triangle")
+    quad, quad_cell = _of_kind(raw, "quad")
+    if not len(quad):
+        return tri, tri_cell
+    same = quad == np.roll(quad, -1, axis=1)
+    three = same.sum(axis=1) == 1
+    if three.any():
+        notes.append(f"{several(int(three.sum()), 'quadrilateral')} with a repeated corner: one triangle each")
+        tri = np.concatenate((tri, quad[three][~same[three]].reshape(-1, 3)))
+        tri_cell = np.concatenate((tri_cell, quad_cell[three]))
+        quad, quad_cell = quad[~three], quad_cell[~three]
+    if len(quad):
+        told = several(len(quad), "quadrilateral")
+        notes.append(f"split {told} in two triangles each, along the shorter diagonal")
+    with np.errstate(over="ignore", invalid="ignore"):  # coordinates beyond all bounds are refused later
+        one = ((points[quad[:, 2]] - points[quad[:, 0]]) ** 2).sum(axis=1)
+        other = ((points[quad[:, 3]] - points[quad[:, 1]]) ** 2).sum(axis=1)
+    # Squares have equal diagonals: round-off must not choose between them.
+    turn = other < one * (1.0 - 1e-12)
+    a, b, c, d = np.where(turn[:, None], np.roll(quad, -1, axis=1), quad).T
+    halves = np.stack((np.column_stack((a, b, c)), np.column_stack((a, c, d))), axis=1).reshape(-1, 3)
+    every = np.concatenate((tri, halves))
+    cell = np.concatenate((tri_cell, np.repeat(quad_cell, 2)))
+    order = np.argsort(cell, kind="stable")
+    return every[order], cell[order]
+
+
+def _groups(
+    raw: RawMesh, triangles: Ints, lines: Ints, first: Ints, count: Ints, line_number: Ints, notes: list[str]
+) -> tuple[dict[str, Ints], dict[str, Ints], dict[str, Ints]]:
+    """Groups of nodes (places in the points), of triangles and of lines.
+
+    A set of cells also names its nodes. Where several sets of one name differ in kind, the name stands for the nodes of the
+    lowest kind: points before lines before triangles.
+    """
+    vertices, vertex_cell = _of_kind(raw, "vertex")
+    vertex_number = np.full(raw.cell_count, -1, dtype=np.int64)
+    vertex_number[vertex_cell] = np.arange(len(vertex_cell))
+    tri_groups: dict[str, Ints] = {}
+    line_groups: dict[str, Ints] = {}
+    by_kind: dict[str, dict[int, Ints]] = {name: {-1: members} for name, members in raw.point_groups.items()}
+    for group in raw.cell_groups:
+        has_tri = group.members[first[group.members] >= 0]
+        elements = np.concatenate([first[has_tri], first[has_tri[count[has_tri] == 2]] + 1])
+        of_lines = line_number[group.members][line_number[group.members] >= 0]
+        of_points = vertex_number[group.members][vertex_number[group.members] >= 0]
+        for held, members in ((tri_groups, elements), (line_groups, of_lines)):
+            if members.size:
+                held[group.name] = sorted_unique(np.concatenate((held.get(group.name, members[:0]), members)))
+        nodes = sorted_unique(
+            np.concatenate([triangles[elements].ravel(), lines[of_lines].ravel(), vertices[of_points].ravel()])
+        )
+        kind = 0 if of_points.size else 1 if of_lines.size else 2
+        mine = by_kind.setdefault(group.name, {})
+        mine[kind] = sorted_unique(np.concatenate((mine.get(kind, nodes[:0]), nodes)))
+    names = {-1: "points", 0: "points", 1: "lines", 2: "triangles"}
+    for name, kinds in by_kind.items():
+        lowest = min(kinds)
+        differing = [k for k in kinds if k != lowest and not np.array_equal(kinds[k], kinds[lowest])]
+        if differing:
+            others = " and ".join(names[k] for k in sorted(differing))
+            notes.append(
+                f"'{name}' names {names[lowest]} and {others}: as a node group it stands for the {names[lowest]} alone"
+            )
+    return {name: kinds[min(kinds)] for name, kinds in by_kind.items()}, tri_groups, line_groups
