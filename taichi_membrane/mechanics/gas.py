@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_membrane.algebra.multifrontal import Factor
-from taichi_membrane.mechanics.membrane import Membrane
 from taichi_membrane.mechanics.preparation import Floats, Ints, volume_gradient
+from taichi_membrane.mechanics.system import System
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class Chamber:
 class Gas:
     """The closed chambers of a membrane."""
 
-    def __init__(self, membrane: Membrane, chambers: tuple[Chamber, ...]) -> None:
+    def __init__(self, membrane: System, chambers: tuple[Chamber, ...]) -> None:
         self.membrane = membrane
         self.chambers = chambers
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from taichi_membrane.device import runtime
 from taichi_membrane.mechanics.gas import Chamber, Gas
-from taichi_membrane.mechanics.membrane import Membrane
 from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.system import System
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.solver_choice import chosen_solver
@@ -66,7 +66,7 @@ class Equilibrium:
     """One membrane with its solvers."""
 
     def __init__(self, model: Model) -> None:
-        self.membrane = Membrane(model.structure)
+        self.membrane = System(model.structure)
         self.relaxation = Relaxation(self.membrane)
         self._made: Newton | None = None
         self._settle(model)

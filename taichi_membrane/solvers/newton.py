@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from taichi_membrane.algebra.multifrontal import Factor
 from taichi_membrane.mechanics.gas import CoupledFactor, Gas
-from taichi_membrane.mechanics.membrane import Membrane
 from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.solvers.record import Progress, SolveRecord
 from taichi_membrane.solvers.relaxation import Relaxation
@@ -46,7 +46,7 @@ class Newton:
     Forces and steps here are (node_count, 3) in the axes that supports refer to, zero at held components.
     """
 
-    def __init__(self, membrane: Membrane, relaxation: Relaxation) -> None:
+    def __init__(self, membrane: System, relaxation: Relaxation) -> None:
         self.membrane = membrane
         self.relaxation = relaxation
         self.tangent = Tangent(membrane)
