@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from taichi_membrane.mesh import survey
-from taichi_membrane.scene import Fabric, Scene, Stage
+from taichi_membrane.scene import Fabric, Pressure, Scene, Stage
 from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import CheckResult, RunResult, StepResult
@@ -256,7 +256,7 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
             for item in scene.supports
         ),
         *(("motion", f"{name}: {item.kind} of {item.group} in {item.hold}") for name, item in scene.motions.items()),
-        *(("pressure", f"{name}: {item.kind}, on {item.group}") for name, item in scene.pressures.items()),
+        *(("pressure", _pressure_line(name, item)) for name, item in scene.pressures.items()),
         *(("load", f"{name}: {item.kind} on {item.group}") for name, item in scene.loads.items()),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         ("probes", ", ".join(scene.probes) or "none"),
@@ -268,6 +268,12 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
     for label, text in lines:
         _print_wrapped(console, f"{label if label != before else '':<11}", text)
         before = label
+
+
+def _pressure_line(name: str, pressure: Pressure) -> str:
+    """What a pressure acts on."""
+    on, against = ([one] if isinstance(one, str) else one for one in (pressure.group, pressure.against))
+    return f"{name}: {pressure.kind}, on {', '.join(on)}" + (f", against {', '.join(against)}" if against else "")
 
 
 def _counts(groups: Mapping[str, Sized]) -> str:

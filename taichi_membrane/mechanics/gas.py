@@ -15,11 +15,11 @@ from taichi_membrane.mechanics.system import System
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chamber:
+class ShutChamber:
     """A chamber whose valve is shut.
 
     :param number: number of its pressure among the membrane's.
-    :param triangles: numbers of the triangles that enclose it.
+    :param triangles: numbers of the triangles that enclose it; ``sign`` (k,) 1 where their normals point out of it, else -1.
     :param rest_volume: volume they enclose at rest.
     :param ambient: absolute pressure outside.
     :param exponent: n; 1 for constant temperature.
@@ -28,6 +28,7 @@ class Chamber:
 
     number: int
     triangles: Ints
+    sign: Ints
     rest_volume: float
     ambient: float
     exponent: float
@@ -56,7 +57,7 @@ class Chamber:
 class Gas:
     """The closed chambers of a membrane."""
 
-    def __init__(self, membrane: System, chambers: tuple[Chamber, ...]) -> None:
+    def __init__(self, membrane: System, chambers: tuple[ShutChamber, ...]) -> None:
         self.membrane = membrane
         self.chambers = chambers
 
@@ -87,13 +88,13 @@ class Gas:
 
     def _volumes(self) -> list[float]:
         swept = self.membrane.swept_volumes(self.membrane.displacement())
-        return [chamber.rest_volume + float(swept[chamber.triangles].sum()) for chamber in self.chambers]
+        return [chamber.rest_volume + float(chamber.sign @ swept[chamber.triangles]) for chamber in self.chambers]
 
-    def _gradient(self, chamber: Chamber) -> Floats:
+    def _gradient(self, chamber: ShutChamber) -> Floats:
         """(node_count, 3) ∂V/∂x in the supports' axes."""
         mesh = self.membrane.structure.mesh
         places = mesh.points + self.membrane.displacement()
-        return self.membrane.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles]))
+        return self.membrane.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles], chamber.sign))
 
 
 @dataclass(frozen=True, eq=False)

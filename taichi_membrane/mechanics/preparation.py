@@ -168,10 +168,13 @@ def nodal_pressure(mesh: Mesh, tri_pressure: Floats) -> Floats:
     return sum_to_nodes(mesh, np.repeat(force, 3, axis=0))
 
 
-def volume_gradient(points: Floats, triangles: Ints) -> Floats:
-    """(node_count, 3) ∂V/∂x of the volume that triangles enclose: a sixth of (b - a) × (c - a) of each at its three corners."""
+def volume_gradient(points: Floats, triangles: Ints, share: Floats | Ints) -> Floats:
+    """(node_count, 3) ∂V/∂x of the volume that triangles enclose: a sixth of (b - a) × (c - a) of each at its three corners.
+
+    :param share: how often each triangle's volume counts; -1 where its normal points inwards.
+    """
     corners = points[triangles]
-    vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 6.0
+    vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * (share / 6.0)[:, None]
     columns = [np.bincount(triangles.ravel(), np.repeat(c, 3), minlength=len(points)) for c in vector.T]
     return np.stack(columns, axis=1)
 

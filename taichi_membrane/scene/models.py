@@ -133,15 +133,19 @@ class Fabric(Record):
 
 
 class Pressure(Record):
-    """A surface that pressure acts on, by element group.
+    """A surface that pressure acts on, by element groups.
 
+    It acts along the normals of ``group`` and against those of ``against``. A wall between two chambers, whose normals point from
+    one into the other, is in ``group`` of the first and in ``against`` of the second.
     ``follower`` pressure stays normal to the moving surface; ``fixed`` keeps direction and size of the unstressed shape. Pressures
     are above ``ambient``, the absolute pressure outside, which only stages that shut the valve (``closed``) need; the gas then
     keeps p_abs Vⁿ with n = ``exponent``: 1 at constant temperature, 1.4 for air that exchanges no heat.
     """
 
-    group: GroupName = "all"
-    """Element group that it acts on; ``all`` is every element."""
+    group: GroupName | Annotated[list[GroupName], _FEW] = "all"
+    """Element groups along whose normals it acts; ``all`` is every element."""
+    against: GroupName | Annotated[list[GroupName], _FEW] = []
+    """Element groups against whose normals it acts: walls whose normals point into the chamber."""
     kind: Literal["follower", "fixed"] = "follower"
     """``follower`` stays normal to the moving surface, ``fixed`` keeps direction and size of the unstressed shape."""
     ambient: Positive | None = None

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taichi_membrane.device import runtime
-from taichi_membrane.mechanics.gas import Chamber, Gas
+from taichi_membrane.mechanics.gas import Gas, ShutChamber
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
@@ -124,15 +124,17 @@ class Equilibrium:
         for name in names:
             swept = self.membrane.swept_volumes(self.membrane.displacement())
             pressure, number = self.model.scene.pressures[name], self.model.pressure_names.index(name)
-            triangles, rest_volume = self.model.enclosing(number)
+            chamber = self.model.chambers[number]
+            rest_volume = chamber.volume(self.model.structure.mesh.points)
             chambers.append(
-                Chamber(
+                ShutChamber(
                     number=number,
-                    triangles=triangles,
+                    triangles=chamber.triangles,
+                    sign=chamber.sign,
                     rest_volume=rest_volume,
                     ambient=pressure.ambient or 0.0,
                     exponent=pressure.exponent,
-                    volume=rest_volume + float(swept[triangles].sum()),
+                    volume=rest_volume + float(chamber.sign @ swept[chamber.triangles]),
                     pressure=state.pressures[name],
                 )
             )

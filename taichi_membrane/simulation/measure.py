@@ -34,8 +34,6 @@ class Measure:
         self.model = equilibrium.model
         self.equilibrium = equilibrium
         self.membrane = equilibrium.membrane
-        mesh = self.model.structure.mesh
-        self._rest_volume = mesh.enclosed_volume() if mesh.is_closed else 0.0
         self._has_energy = all(fabric.law != "clip" for fabric in self.model.structure.fabrics)
 
     def step(
@@ -68,7 +66,8 @@ class Measure:
         dead = self.model.nodal_loads(state.pressures, state.loads)
         local = self.membrane.in_frames(-self.membrane.out_of_balance())
         reaction = self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0))
-        volume = self._rest_volume + float(self.membrane.swept_volumes(displacement).sum())
+        swept = self.membrane.swept_volumes(displacement)
+        volume = self.model.rest_volume + float((self.model.enclosing * swept).sum())
         energy = self.membrane.potential_energy(dead)[0] if self._has_energy else None
         if energy is not None and self.equilibrium.gas is not None:
             energy += self.equilibrium.gas.energy()
@@ -83,7 +82,7 @@ class Measure:
             displacement=displacement,
             reaction=reaction,
             elements=elements,
-            probes=probes.evaluate(self.model, displacement, reaction, elements, volume, state),
+            probes=probes.evaluate(self.model, displacement, reaction, elements, swept, state),
             volume=volume,
             energy=energy,
             solver=record.method,

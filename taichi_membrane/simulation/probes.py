@@ -10,8 +10,9 @@ from taichi_membrane import scene as scenes
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
+from taichi_membrane.simulation.groups import group_nodes, group_triangles
 from taichi_membrane.simulation.load_state import LoadState
-from taichi_membrane.simulation.model import Model, group_nodes, group_triangles
+from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import CheckResult, ElementFields, StepResult
 
 
@@ -25,20 +26,26 @@ def validate(model: Model) -> None:
         key = f"probes.{name}.group"
         if isinstance(probe, scenes.StressProbe | scenes.AreaProbe):
             group_triangles(mesh, probe.group, key)
-        elif not isinstance(probe, scenes.VolumeProbe | scenes.FactorProbe):
+        elif isinstance(probe, scenes.VolumeProbe):
+            model.measured(probe)
+        elif not isinstance(probe, scenes.FactorProbe):
             group_nodes(mesh, probe.group, key)
 
 
 def evaluate(
-    model: Model, displacement: Floats, reaction: Floats, elements: ElementFields, volume: float, state: LoadState
+    model: Model, displacement: Floats, reaction: Floats, elements: ElementFields, swept: Floats, state: LoadState
 ) -> dict[str, float]:
-    """Value of every probe of the scene, in its units."""
+    """Value of every probe of the scene, in its units.
+
+    :param swept: (tri_count,) volume that each triangle has swept since rest.
+    """
     mesh = model.structure.mesh
     values: dict[str, float] = {}
     for name, probe in model.scene.probes.items():
         key = f"probes.{name}.group"
         if isinstance(probe, scenes.VolumeProbe):
-            values[name] = volume
+            triangles, share, rest = model.measured(probe)
+            values[name] = rest + float((share * swept[triangles]).sum())
         elif isinstance(probe, scenes.FactorProbe):
             kind, _, factor = probe.of.partition(".")
             values[name] = getattr(state, f"{kind}s")[factor]

@@ -11,7 +11,8 @@ import numpy as np
 
 from taichi_membrane import scene as scenes
 from taichi_membrane.mechanics.preparation import Floats, volume_gradient
-from taichi_membrane.simulation.model import Model, group_nodes
+from taichi_membrane.simulation.groups import group_nodes
+from taichi_membrane.simulation.model import Model
 from taichi_membrane.solvers.newton import AnyFactor, Newton
 
 
@@ -64,7 +65,8 @@ def _gradient(model: Model, name: str, displacement: Floats) -> Floats:
     probe, mesh = model.scene.probes[name], model.structure.mesh
     gradient = np.zeros_like(displacement)
     if isinstance(probe, scenes.VolumeProbe):
-        return volume_gradient(mesh.points + displacement, mesh.triangles)
+        triangles, share, _ = model.measured(probe)
+        return volume_gradient(mesh.points + displacement, mesh.triangles[triangles], share)
     assert isinstance(
         probe, scenes.DisplacementProbe | scenes.RadiusProbe | scenes.RotationProbe
     )  # the scene allows no other
