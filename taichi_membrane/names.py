@@ -12,5 +12,6 @@ SideStrain = Literal["engineering", "green"]
 TAUT, WRINKLED, SLACK = 0, 1, 2
 STATE_NAMES = ("taut", "wrinkled", "slack")
 
-# How a run ended: all stages done; stopped at the largest stable load; stopped without equilibrium; stopped from outside.
-Outcome = Literal["finished", "collapse", "not converged", "interrupted"]
+# How a run ended: all stages done; stopped at the largest stable load; a stage that should have met that load did not; a stage
+# along the path took all its steps and did not come to its loads; stopped without equilibrium; stopped from outside.
+Outcome = Literal["finished", "collapse", "no collapse", "steps used up", "not converged", "interrupted"]

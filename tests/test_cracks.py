@@ -187,3 +187,27 @@ def test_minus_zero_is_zero(tmp_path: Path) -> None:
     )
     (tmp_path / "z.stl").write_text(f"solid z\n{text}endsolid z\n")
     assert read_mesh(tmp_path / "z.stl").node_count == 4
+
+
+def test_holes_that_touch_make_a_loop_that_meets_itself() -> None:
+    flat = panel(width=4.0, height=4.0, along_x=4, along_y=4)
+    middle = flat.points[flat.triangles].mean(axis=1)
+    cut = ((middle[:, :2] > 1) & (middle[:, :2] < 2)).all(axis=1) | ((middle[:, :2] > 2) & (middle[:, :2] < 3)).all(
+        axis=1
+    )
+    found = survey(Mesh.build(flat.points, flat.triangles[~cut]))
+    assert [(loop.edge_count, loop.closed) for loop in found.loops] == [(16, True), (8, False)]
+    assert "8 (8 edges, meets itself)" in " ".join(dict(lines_of(found, "", "", ""))["free edges"].split())
+
+
+def test_triangles_whose_tips_pass_through_each_other_far_from_their_middles() -> None:
+    tip = 3**0.5 / 2
+    one = np.array([[0.1, 0.02, 0.0], [-1.4, 0.02 - tip, 0.0], [-1.4, 0.02 + tip, 0.0]])
+    other = np.array([[-0.1, 0.0, 0.0], [1.4, 0.0, -tip], [1.4, 0.0, tip]])
+    assert crossings(np.concatenate((one, other)), np.arange(6).reshape(2, 3)).tolist() == [[0, 1]]
+
+
+def test_a_thin_triangle_is_no_crack_of_its_own() -> None:
+    """Its third corner is nearer to its free edge than nodes of different elements may be."""
+    points = np.array([[0.0, 0, 0], [2, 0, 0], [1, 5e-4, 0], [1, 1, 0]])
+    assert Mesh.build(points, [[0, 1, 2], [0, 2, 3], [2, 1, 3]]).tri_count == 3

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import struct
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 from mesh_cases import CASES, Case, Read
@@ -21,7 +23,8 @@ def assert_is(mesh: Mesh, wanted: Read) -> None:
     """Counts and area agree; all named groups are there, with their sizes; no group of triangles or lines is there besides."""
     assert (mesh.tri_count, mesh.node_count, len(mesh.lines)) == (wanted.triangles, wanted.nodes, wanted.lines)
     assert float(mesh.tri_areas().sum()) == pytest.approx(wanted.area, rel=1e-12)
-    assert wanted.tri_groups.items() <= sizes(mesh.tri_groups).items()
+    named = {name: size for name, size in sizes(mesh.tri_groups).items() if name != "all"}
+    assert named == wanted.tri_groups
     assert wanted.node_groups.items() <= sizes(mesh.node_groups).items()
     assert sizes(mesh.line_groups) == wanted.line_groups
     assert sizes(mesh.loose_groups) == wanted.loose_groups
@@ -157,3 +160,93 @@ def test_binary_arrays_of_vtu_in_all_their_spellings(tmp_path: Path, order: str,
     mesh = read_mesh(tmp_path / "v.vtu")
     assert np.array_equal(mesh.points, points)
     assert float(mesh.tri_areas().sum()) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("card", "rows", "digit"),
+    [
+        ("CORD2C", ("100.,33.333,0.", "100.,77.125,0.", "100.,50.012,60."), 1e-3 * np.pi / 180 * 100),
+        ("CORD2C", ("100.,30.,0.", "100.,60.,0.", "100.,45.,161.234"), 1e-3),
+        ("CORD2S", ("200.,30.,10.", "200.,60.,20.", "200.,45.,61.234"), 1e-3 * np.pi / 180 * 200),
+        ("CORD2R", ("100.,30.,10.", "100.,60.,20.", "100.,45.,161.234"), 1e-3),
+    ],
+)
+def test_digits_of_angles_count_at_their_radius(tmp_path: Path, card: str, rows: tuple[str, ...], digit: float) -> None:
+    """Three decimals of degrees or of length; the tolerance for equal nodes is four of the last digit."""
+    system = f"{card},5,0,0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\n"
+    grids = "".join(f"GRID,{n},5,{row}\n" for n, row in enumerate(rows, 1))
+    (tmp_path / "n.bdf").write_text(f"{system}{grids}CTRIA3,1,1,1,2,3\n")
+    assert read_mesh(tmp_path / "n.bdf").tolerance == pytest.approx(4.0 * digit, rel=1e-6)
+
+
+def test_numbers_that_differ_from_cell_to_cell_are_no_groups(tmp_path: Path) -> None:
+    """A thousand different values group the cells; one more numbers them."""
+    for count in (1000, 1001):
+        strip = "".join(f"v {k // 2} {k % 2} 0\n".replace("v ", "") for k in range(count + 2))
+        faces = "".join(f"3 {k + k % 2} {k + 1 - k % 2} {k + 2} {k}\n" for k in range(count))
+        (tmp_path / "p.ply").write_text(
+            f"ply\nformat ascii 1.0\nelement vertex {count + 2}\nproperty float x\nproperty float y\nproperty float z\n"
+            f"element face {count}\nproperty list uchar int vertex_indices\nproperty int part\nend_header\n{strip}{faces}"
+        )
+        mesh = read_mesh(tmp_path / "p.ply", repair=True)
+        assert len(mesh.tri_groups) == (1 + count if count == 1000 else 1)
+        assert ("'part' has 1001 different values" in " ".join(mesh.notes)) == (count == 1001)
+
+
+def quad_in_space(corners: list[tuple[float, float]], seed: int) -> str:
+    """An OBJ file of one quadrilateral in a plane, turned and shifted at random."""
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    points = np.column_stack((np.array(corners), np.zeros(4))) @ turn.T + rng.normal(size=3)
+    return "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in points.tolist()) + "f 1 2 3 4\n"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_round_off_does_not_choose_how_a_quad_is_split(tmp_path: Path, seed: int) -> None:
+    """A square's diagonals are equal: the first is taken. A thousandth of a thousandth of difference counts. Three corners on one
+    line give no triangle without area."""
+    path = tmp_path / "o.obj"
+    for corners, wanted in (
+        ([(0.0, 0.0), (0.7, 0.0), (0.7, 0.7), (0.0, 0.7)], (0, 2)),
+        ([(0.0, 0.0), (0.7, 0.0), (0.7 + 1e-6, 0.7 + 1e-6), (0.0, 0.7)], (1, 3)),
+        ([(0.0, 0.0), (0.1, 0.0), (0.3, 0.0), (0.1, 0.9)], (1, 3)),
+    ):
+        path.write_text(quad_in_space(corners, seed))
+        assert wanted in {tuple(edge) for edge in read_mesh(path).edges().tolist()}
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("version", ["2.2", "4.1"])
+def test_binary_gmsh_of_either_byte_order(tmp_path: Path, version: str, order: str) -> None:
+    """Two triangles of a square; the number one after the header tells the order of the bytes."""
+    points = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
+    content = f"$MeshFormat\n{version} 1 8\n".encode() + struct.pack(f"{order}i", 1) + b"\n$EndMeshFormat\n"
+    if version == "2.2":
+        nodes = b"4\n" + b"".join(struct.pack(f"{order}i3d", n, *at) for n, at in enumerate(points, 1))
+        rows = struct.pack(f"{order}3i", 2, 2, 2) + struct.pack(f"{order}12i", 1, 7, 1, 1, 2, 3, 2, 7, 1, 1, 3, 4)
+        rows = b"2\n" + rows
+    else:
+        content += b"$Entities\n" + struct.pack(f"{order}4Q", 0, 0, 1, 0)
+        content += struct.pack(f"{order}i6dQiQ", 1, *(0.0,) * 6, 1, 7, 0) + b"\n$EndEntities\n"
+        nodes = struct.pack(f"{order}4Q3iQ4Q", 1, 4, 1, 4, 2, 1, 0, 4, 1, 2, 3, 4)
+        nodes += b"".join(struct.pack(f"{order}3d", *at) for at in points)
+        rows = struct.pack(f"{order}4Q3iQ8Q", 1, 2, 1, 2, 2, 1, 2, 2, 1, 1, 2, 3, 2, 1, 3, 4)
+    content += b"$Nodes\n" + nodes + b"\n$EndNodes\n$Elements\n" + rows + b"\n$EndElements\n"
+    (tmp_path / "g.msh").write_bytes(content)
+    mesh = read_mesh(tmp_path / "g.msh")
+    assert mesh.points.tolist() == [list(at) for at in points]
+    assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert mesh.tri_groups["physical_7"].tolist() == [0, 1]
+
+
+def test_a_reader_of_another_library_that_ends_the_program_is_one_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ending(path: Path) -> None:
+        print("no such thing")
+        raise SystemExit(1)
+
+    monkeypatch.setattr(meshio, "read", ending)
+    (tmp_path / "a.su2").write_text("x")
+    with pytest.raises(InputError, match=r"a\.su2: the mesh cannot be read by meshio: no such thing$"):
+        read_mesh(tmp_path / "a.su2")

@@ -106,7 +106,8 @@ def test_a_steep_tent_collapses_sideways() -> None:
 def test_a_stable_branch_is_followed() -> None:
     """Four prestressed triangles are pushed together: at 1 N, their prestress, the centre gives way, without collapse.
 
-    The flat path loses its stability there while the load rises; the bulged one beside it is stable, and leads to the load.
+    The flat path loses its stability there while the load rises; the bulged one beside it is stable, and its stiffness shows that
+    nothing was jumped over on the way to it.
     """
     scene = {
         "name": "sheet",
@@ -121,7 +122,7 @@ def test_a_stable_branch_is_followed() -> None:
     result = run(Scene.model_validate(scene))
     assert result.outcome == "finished"
     past = result.steps[1]
-    assert past.solver.count("arc length") == 2  # along the flat path, then along the bulged one
+    assert {passage.event for passage in past.trace} <= {"unstable", "load control"}
     assert abs(past.probes["bulge"]) > 0.1
     assert [step.negative_pivots for step in result.steps] == [0, 0, 0]
 

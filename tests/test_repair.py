@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -187,3 +188,30 @@ def test_the_command_mends_a_file_when_asked(tmp_path: Path, monkeypatch: pytest
     assert done.exit_code == 0, done.stderr
     assert "mended turned over 2 of 32 elements, the first is element 3" in " ".join(done.stdout.split())
     assert same_surface(read_mesh("ball.vtu", repair=True, scale=0.5), ball)
+
+
+def test_a_run_tells_and_keeps_what_was_noted_and_mended_in_the_file(tmp_path: Path) -> None:
+    """A ball of quads, one of them turned over, with an array that is not carried over: on the terminal and in the summary."""
+    mesh = meshio.Mesh(
+        [[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)],
+        [("quad", [[0, 2, 3, 1], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [5, 7, 3, 1]])],
+        cell_data={"t": [np.linspace(0.1, 0.2, 6)]},
+    )
+    mesh.write(tmp_path / "box.vtu")
+    (tmp_path / "box.toml").write_text(
+        'name = "box"\nunits = { length = "mm", force = "N" }\nmesh = { path = "box.vtu", shape = "file" }\n'
+        'fabric = { E = 10.0, nu = 0.3, thickness = 1.0 }\nsupports = [{ group = "all", hold = "xyz" }]\n'
+        'stages = [{ name = "inflate", pressure = 0.002 }]\n'
+    )
+    done = CliRunner().invoke(
+        app,
+        ["run", str(tmp_path / "box.toml"), "--repair", "--no-render", "--out", str(tmp_path / "out")],
+        catch_exceptions=False,
+    )
+    told = " ".join(done.stdout.split())
+    assert done.exit_code == 0, told + done.stderr
+    assert "mended turned over 2 of 12 elements" in told
+    assert "noted split 6 quadrilaterals in two triangles each" in told
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
+    assert summary["mesh"]["mended"][0].startswith("turned over 2 of 12 elements")
+    assert summary["mesh"]["notes"][0] == "not carried over: 't' of cells"

@@ -79,13 +79,13 @@ from taichi_membrane.simulation.load_state import unloaded
 scene = load_scene(Path(sys.argv[1]), sys.argv[3:])
 work = Analysis(build_model(scene, build_mesh(scene)))
 if sys.argv[2] == "f32":
-    solve, membrane = work.equilibrium._solve, work.membrane
+    solve, membrane = work.equilibrium.solve, work.membrane
     def unlucky(*arguments, **options):  # ends with a split that is as good as any, but not the one that set_displacement makes
         record = solve(*arguments, **options)
         for field, sign in ((membrane.node_displacement, 1), (membrane.node_displacement_rest, -1)):
             field.from_numpy((field.to_numpy() + sign * membrane.displacement_quantum).astype("f4"))
         return record
-    work.equilibrium._solve = unlucky
+    work.equilibrium.solve = unlucky
 whole = [replace(step, seconds=0.0) for step in work.steps()]
 assert len(whole) == 5 and whole[-1].converged and whole[-1].probes["wrinkled"] > 0.0, whole[-1].probes
 if work.newton is not None:  # a factorised tangent is handed on as well, one that may round or pivot otherwise than a new one
@@ -304,7 +304,7 @@ def asked(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
         (asked("precision", "f16"), "precision = 'f16' is not one of f64, f32"),
         (asked("threads", "many"), "summary.json: damaged: ValueError: invalid literal for int()"),
         (lambda summary: summary.update(format="other"), "not the summary of a run of this program"),
-        (lambda summary: summary.update(format_version=1), "format version 1, but this program reads version 3"),
+        (lambda summary: summary.update(format_version=1), "format version 1, but this program reads version 4"),
     ],
 )
 def test_what_cannot_go_on_bit_by_bit_is_refused_and_left_alone(

@@ -1,8 +1,8 @@
 """The command ``taichi-membrane``: run, check and draw scenes; verify the mechanics.
 
 Results go to standard output, progress and errors to standard error. Exit codes: 0 all well, 1 a check of the scene fails, 2 bad
-input or a file that cannot be written, 3 a load step did not converge, 4 the structure collapses before its last load, 130
-interrupted.
+input or a file that cannot be written, 3 a load step did not converge or a path did not come to its loads, 4 the structure
+collapses before its last load, 5 a stage that should meet collapse met none, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 # Modules that take long to import (NumPy, pydantic, rich) are imported by the commands that need them: help is instant.
 
-CHECK_FAILS, BAD_INPUT, NOT_CONVERGED, COLLAPSE, INTERRUPTED = 1, 2, 3, 4, 130
+CHECK_FAILS, BAD_INPUT, NOT_CONVERGED, COLLAPSE, NO_COLLAPSE, INTERRUPTED = 1, 2, 3, 4, 5, 130
 
 
 class _Commands(TyperGroup):
@@ -119,7 +119,8 @@ def run(
     """Solve the load steps of a scene, write and draw them.
 
     Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input or a file that cannot be written, 3 a load
-    step did not converge, 4 the structure collapses before its last load.
+    step did not converge or a path did not come to its loads, 4 the structure collapses before its last load, 5 a stage that should
+    meet collapse (until = "collapse") met none.
     """
     if resume is not None:
         _go_on(context, resume, render, quiet)
@@ -198,7 +199,7 @@ def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, q
     else:
         report.print_run(console, result)
     if not result.converged:
-        raise typer.Exit(COLLAPSE if result.outcome == "collapse" else NOT_CONVERGED)
+        raise typer.Exit({"collapse": COLLAPSE, "no collapse": NO_COLLAPSE}.get(result.outcome, NOT_CONVERGED))
     if not result.passed:
         raise typer.Exit(CHECK_FAILS)
 

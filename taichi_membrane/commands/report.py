@@ -17,6 +17,7 @@ from taichi_membrane.mesh import survey
 from taichi_membrane.scene import Fabric, Pressure, Scene, Stage
 from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
 from taichi_membrane.simulation.model import Model
+from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import CheckResult, RunResult, StepResult
 
 _GAP = 2  # blanks between columns
@@ -39,8 +40,9 @@ class Column:
 
 def print_run(console: Console, result: RunResult) -> None:
     """Print the load steps, the checks, times and files of a run."""
-    for line in result.mesh.mended:
-        _print_wrapped(console, "mended", line)
+    for label, lines in (("mended", result.mesh.mended), ("noted", result.mesh.notes)):
+        for line in lines:
+            _print_wrapped(console, label, line)
     _print_steps(console, result)
     print_failed_steps(console, result)
     _print_at_rest(console, result)
@@ -91,6 +93,8 @@ def print_failed_steps(console: Console, result: RunResult) -> None:
             _print_plain(console, f"NOT CONVERGED: {where}: {step.reason}", style="bold red")
         elif step.limit is not None:
             _print_plain(console, f"COLLAPSE: {where}: {step.reason.removeprefix('collapse: ')}", style="bold yellow")
+        elif step is result.steps[-1] and result.outcome in ("no collapse", "steps used up"):
+            _print_plain(console, f"{result.outcome.upper()}: {where}: {step.reason}", style="bold red")
 
 
 def print_failed_checks(console: Console, result: RunResult) -> None:
@@ -168,7 +172,8 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
     sizes = [len(step.elements.state) for step in steps]
     slack = [f"{count['slack'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]
     solvers = [step.solver for step in steps]
-    unstable = ["-" if step.negative_pivots is None else str(step.negative_pivots) for step in steps]
+    stability = [_stability(step) for step in steps]
+    ways = [told(step.trace) for step in steps]
     return [
         Column("step", [str(step.number) for step in steps]),
         Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
@@ -181,9 +186,17 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
         Column("slack", slack, rank=_rank(slack)),
         Column("solver", solvers, rank=_rank(solvers)),
         Column("iterations", [str(step.iterations) for step in steps]),
-        Column("unstable modes", unstable, rank=3 if set(unstable) <= {"0", "-"} else 1),
+        Column("stability", stability, rank=0 if any(word.startswith("unstable") for word in stability) else 3),
+        Column("way", ways, rank=_rank(ways)),
         Column("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
     ]
+
+
+def _stability(step: StepResult) -> str:
+    """The verdict on an equilibrium, with the number of unstable modes."""
+    if step.stable is None:
+        return "not told"
+    return "stable" if step.stable else f"unstable ({step.negative_pivots})"
 
 
 def fitting(columns: Sequence[Column], width: int) -> list[Column]:
@@ -307,6 +320,6 @@ def _stage_line(scene: Scene, stage: Stage) -> str:
     aims += [f"load {name} to {_with_unit(value, load_unit(scene, name))}" for name, value in stage.loads.items()]
     aims += [f"motion {name} to {_with_unit(value, motion_unit(scene, name))}" for name, value in stage.motions.items()]
     aims += ["by arc length"] if stage.control == "arc_length" else []
-    aims += ["until collapse"] if stage.until == "collapse" else []
+    aims += [f"until {stage.until.replace('_', ' ')}"] if stage.until != "target" else []
     aims += [f"valve shut: {', '.join(stage.closed)}"] if stage.closed else []
     return f"{stage.name}: {stage.steps} {'step' if stage.steps == 1 else 'steps'}, {', '.join(aims) or 'no change'}"

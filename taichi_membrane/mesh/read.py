@@ -47,8 +47,15 @@ READERS = {
     ".dxf": "dxf",
     ".3dm": "rhino",
     ".cgns": "cgns",
+    ".e": "exodus",
+    ".ex2": "exodus",
+    ".exo": "exodus",
 }
-_PACKAGES = {"rhino": "rhino3dm", "cgns": "h5py"}  # readers that need more than this program's own packages
+_PACKAGES = {
+    "rhino": "rhino3dm",
+    "cgns": "h5py",
+    "exodus": "netCDF4",
+}  # readers that need more than this program's own packages
 # Extensions that meshio reads, and the package it needs beside itself. Its readers of other formats drop or mistake what is here
 # carried over or refused, so they are not asked.
 MESHIO = {
@@ -56,9 +63,6 @@ MESHIO = {
     ".xdmf": "h5py",
     ".xmf": "h5py",
     ".h5m": "h5py",
-    ".e": "netCDF4",
-    ".ex2": "netCDF4",
-    ".exo": "netCDF4",
     ".meshb": "",
     ".su2": "",
     ".avs": "",
@@ -69,6 +73,23 @@ MESHIO = {
     ".post": "",
     ".dato": "",
 }
+# Extensions of the trade that are not read, and what to save instead.
+_ELSEWHERE = (
+    (
+        (".ugrid", ".f3grid", ".unv", ".node", ".ele", ".hmf", ".neu", ".h5"),
+        "save it as .msh, .vtu, .inp, .bdf or .med",
+    ),
+    (
+        (".step", ".stp", ".iges", ".igs", ".brep", ".sat", ".x_t"),
+        "it holds no mesh: mesh it (gmsh -2) and save it as .msh",
+    ),
+    ((".pvtu", ".pvtp", ".vtm", ".pvd", ".vtkhdf", ".case"), "open it in ParaView and save one .vtu or .vtp"),
+    ((".dwg", ".skp"), "save it as .dxf, with 3DFACE or polyface meshes"),
+    ((".blend", ".fbx", ".dae", ".3ds", ".glb", ".gltf", ".x3d", ".wrl", ".3mf", ".amf"), "save it as .obj or .stl"),
+    ((".dat", ".txt", ".blk"), "name it .bdf (NASTRAN), .inp (Abaqus) or .k (LS-DYNA)"),
+    ((".svg", ".pdf"), "it is a drawing in a plane and no mesh"),
+)
+_LONGEST_SAID = 500  # characters of another library's complaints that are repeated
 EXTRA = "pip install 'taichi-membrane[mesh]'"
 
 
@@ -107,6 +128,9 @@ def _reader(path: Path) -> Callable[[Source], RawMesh]:
         return read
     if suffix not in MESHIO:
         known = ", ".join(sorted({*READERS, *MESHIO}))
+        remedy = next((words for suffixes, words in _ELSEWHERE if suffix in suffixes), "")
+        if remedy:
+            raise InputError(f"{path}: the file extension '{path.suffix}' is not one that is read: {remedy}")
         raise InputError(f"{path}: the file extension '{path.suffix}' is unknown; allowed: {known}")
     if MESHIO[suffix]:
         _need(path, MESHIO[suffix])
@@ -141,7 +165,11 @@ def _with_meshio(source: Source) -> RawMesh:
         told = f"{type(error).__name__}: {error}" if isinstance(error, Exception) else ""
         reason = " ".join(f"{said.getvalue()} {told}".split())
         raise InputError(f"{source.shown}: the mesh cannot be read by meshio: {reason}") from None
-    return from_meshio(mesh, source.shown)
+    raw = from_meshio(mesh, source.shown)
+    complaints = " ".join(said.getvalue().split())
+    if complaints:
+        raw.notes.append(f"meshio says: {complaints[:_LONGEST_SAID]}{'…' if len(complaints) > _LONGEST_SAID else ''}")
+    return raw
 
 
 def _bounded(path: Path, size: int, work: Callable[[], MeshParts]) -> MeshParts:

@@ -27,9 +27,10 @@ from taichi_membrane.mesh.check import frozen
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
+from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import ElementFields, Floats, ModeResult, Settings, StepResult
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 3
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 4
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
 MODE = "mode_"  # begins the name of a mode shape in a step's file
@@ -243,6 +244,8 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         modes=None if record["modes"] is None else _modes(record["modes"], per_node),
         limit=None if record["limit"] is None else {key: (low, high) for key, (low, high) in record["limit"].items()},
         seconds=_number(record["seconds"]),
+        trace=tuple(Passage(event=event, share=float(share)) for event, share in record["trace"]),
+        stiffest=float(record["stiffest"]),
     )
 
 

@@ -42,6 +42,7 @@ from taichi_membrane.output.reader import (
 )
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
+from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import RunResult, Settings, StepResult
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
@@ -199,6 +200,8 @@ class Writer:
                 "tri_count": mesh.tri_count,
                 "closed": mesh.is_closed,
                 "area": float(mesh.tri_areas().sum()),
+                "mended": list(mesh.mended),
+                "notes": list(mesh.notes),
                 "node_groups": {name: len(members) for name, members in mesh.node_groups.items()},
                 "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
             },
@@ -237,6 +240,7 @@ def _columns(scene: Scene) -> list[Column]:
         ("reason", lambda s: s.reason),
         ("cuts", lambda s: s.cuts),
         ("negative_pivots", lambda s: s.negative_pivots),
+        ("trace", lambda s: told(s.trace)),
         ("seconds", lambda s: s.seconds),
     ]
     taken = {header.partition(" ")[0] for header, _ in [*first, *last]}
@@ -256,10 +260,18 @@ def _header(name: str, unit: str) -> str:
 
 def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
     """A load step in the summary: all but its arrays."""
-    arrays = ("displacement", "reaction", "elements", "modes")
+    arrays = ("displacement", "reaction", "elements", "modes", "trace")
     scalars = {key: value for key, value in vars(step).items() if key not in arrays}
     modes = None if step.modes is None else {"kind": step.modes.kind, "values": step.modes.values}
-    return {**scalars, "modes": modes, "element_states": step.elements.count(), "file": file, "sha256": checksum}
+    trace = [[one.event, one.share] for one in step.trace]
+    return {
+        **scalars,
+        "trace": trace,
+        "modes": modes,
+        "element_states": step.elements.count(),
+        "file": file,
+        "sha256": checksum,
+    }
 
 
 def _plain(value: Any) -> Any:

@@ -193,23 +193,30 @@ class Stage(Record):
     """Factor of each motion at the stage's end."""
     control: Literal["load", "arc_length"] = "load"
     """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""
-    until: Literal["target", "collapse"] = "target"
-    """``collapse``: the stage is meant to meet its largest stable load, and the run goes on from there."""
+    until: Literal["target", "collapse", "collapse_or_target", "steps"] = "target"
+    """What ends the stage well: its ``target``; its largest stable load on the way (``collapse``); either
+    (``collapse_or_target``); by arc length also the last of its ``steps``."""
+    snaps: Literal["stop", "pass"] = "stop"
+    """At a maximum of the load: ``stop`` there, as collapse; ``pass`` goes on from a stable state beyond the jump, and tells it."""
     closed: list[Name] = []
     """Pressures whose valve is shut during the stage: they follow their volume."""
 
     @property
     def may_end_early(self) -> bool:
         """Whether the number of load steps done may be below ``steps`` in a run that went well."""
-        return self.control == "arc_length" or self.until == "collapse"
+        return self.control == "arc_length" or self.until != "target"
 
     @model_validator(mode="after")
     def _arc_length(self) -> Self:
         if self.control == "arc_length":
             if self.motions:
                 raise ValueError("control = 'arc_length' follows pressures and loads; leave out motions")
-            if self.until == "collapse":
-                raise ValueError("control = 'arc_length' goes on past collapse; leave out until = 'collapse'")
+            if self.until in ("collapse", "collapse_or_target"):
+                raise ValueError(f"control = 'arc_length' goes on past collapse; leave out until = {self.until!r}")
+            if self.snaps == "pass":
+                raise ValueError("control = 'arc_length' follows the path and does not snap; leave out snaps")
+        elif self.until == "steps":
+            raise ValueError("until = 'steps' is for control = 'arc_length'; load control takes all its steps")
         return self
 
 

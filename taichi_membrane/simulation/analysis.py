@@ -10,13 +10,17 @@ from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
 from taichi_membrane.simulation.equilibrium import Equilibrium, Report
 from taichi_membrane.simulation.load_state import Course, LoadState, stage_target, unloaded
+from taichi_membrane.simulation.load_step import Stiffest
 from taichi_membrane.simulation.measure import Measure
 from taichi_membrane.simulation.model import Model
+from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import StepResult
+from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.path import PathPoint
 from taichi_membrane.solvers.record import Progress, SolveRecord
 
 ProgressCallback = Callable[[str, int, int, Progress], None]
+Limit = dict[str, tuple[float, float]]
 
 
 class Analysis:
@@ -44,6 +48,7 @@ class Analysis:
             self.equilibrium.newton,
         )
         self.measure = Measure(self.equilibrium)
+        self.stiffest = Stiffest()
         self.outcome: Outcome = "interrupted"
 
     def compile(self) -> None:
@@ -61,8 +66,11 @@ class Analysis:
         number = 0
         if done:
             self.measure.again(done[-1])
+            self.stiffest.value = done[-1].stiffest
         for stage in self.model.scene.stages:
             course = Course(state, stage_target(state, stage))
+            if done and stage.name == done[-1].stage:
+                self.stiffest.resume(course.start.change(course.target))
             self.equilibrium.shut(stage.closed, state)
             run_stage = self._arc_length_stage if stage.control == "arc_length" else self._load_stage
             had = [step for step in done if step.stage == stage.name]
@@ -77,6 +85,9 @@ class Analysis:
                     self.outcome = "collapse"
                     return
                 state = LoadState(result.pressures, result.loads, result.motions)
+            if missed := _missed(stage, result, course):
+                self.outcome = missed
+                return
         self.outcome = "finished"
 
     def _load_stage(
@@ -103,28 +114,36 @@ class Analysis:
         report = _report(stage, k, progress)
         reached, end = (k - 1) / stage.steps, k / stage.steps
         size, cuts, iterations = end - reached, 0, 0
+        trace: list[Passage] = []
+
+        def finished(share: float, record: SolveRecord, limit: Limit | None = None) -> StepResult:
+            step = self.measure.step(number, stage, k, course, share, record, cuts, started, limit=limit)
+            return replace(step, trace=tuple(trace), stiffest=self.stiffest.value)
+
         while True:
             aim = min(end, reached + size)
-            part = self.equilibrium.step(course.at(reached), course.at(aim), report)
+            part = self.equilibrium.step(
+                course.at(reached), course.at(aim), report, stiffest=self.stiffest, snaps=stage.snaps == "pass"
+            )
             iterations += part.record.iterations
             record = replace(part.record, iterations=iterations)
+            trace += [replace(one, share=reached + one.share * (aim - reached)) for one in part.trace]
             if part.limit is not None:
                 lower, upper = (reached + share * (aim - reached) for share in part.limit)
-                limit = _bracket(course.at(lower), course.at(upper))
-                record = replace(record, reason=_collapse(limit))
-                return self.measure.step(number, stage, k, course, lower, record, cuts, started, limit=limit)
+                limit = _bracket(course, lower, upper)
+                return finished(lower, replace(record, reason=_collapse(limit)), limit=limit)
             if part.record.converged:
                 reached = aim
                 if reached == end:
-                    return self.measure.step(number, stage, k, course, end, record, cuts, started)
+                    missed = k == stage.steps and stage.until == "collapse"
+                    return finished(end, replace(record, reason=_no_collapse(course)) if missed else record)
             elif cuts == self.model.scene.solver.max_cuts:
                 bounds = [100.0 * (share * stage.steps - (k - 1)) for share in (reached, aim)]
                 reason = (
                     f"no equilibrium found between {bounds[0]:.4g} and {bounds[1]:.4g} % of the step "
                     f"({record.reason}, {cuts} halvings); {part.trouble}; the last equilibrium is kept"
                 )
-                record = replace(record, reason=reason)
-                return self.measure.step(number, stage, k, course, reached, record, cuts, started)
+                return finished(reached, replace(record, reason=reason))
             else:
                 cuts, size = cuts + 1, 0.5 * size
 
@@ -142,7 +161,7 @@ class Analysis:
             return
         newton = self.newton
         assert newton is not None  # chosen_solver refuses arc length without it
-        path = self.equilibrium.path(newton, course.start, course.target)
+        path = self.equilibrium.path(Way(newton, course.start, course.target, self.equilibrium.press))
         started = time.perf_counter()
         origin = self.membrane.displacement()
         point = path.start(origin, 0.0)
@@ -151,6 +170,8 @@ class Analysis:
             following: PathPoint | None = None
             if point is not None:
                 following, length = path.step(point, length)
+                if following is not None and following.factor > 1.0:
+                    following = path.land(point, following, 1.0)
             if following is None:
                 self.membrane.set_displacement(origin if point is None else point.position)
                 reason = (
@@ -164,9 +185,15 @@ class Analysis:
             if report is not None:
                 report(Progress(iteration=following.iterations, residual=following.residual, seconds=0.0))
             point = following
-            yield self.measure.step(number + k - 1, stage, k, course, point.factor, _walked(point), 0, started)
+            record = _walked(point)
+            if k == stage.steps and point.factor < 1.0 and stage.until == "target":
+                record = replace(
+                    record, reason=f"the steps are used up at {100.0 * point.factor:.4g} % of the stage's way"
+                )
+            step = self.measure.step(number + k - 1, stage, k, course, point.factor, record, 0, started)
+            yield replace(step, trace=(Passage(event="path", share=point.factor),))
             started = time.perf_counter()
-            if point.factor >= 1.0:
+            if point.factor == 1.0:
                 return
 
 
@@ -204,18 +231,46 @@ def _walked(point: PathPoint | None, *, converged: bool = True, reason: str = "r
     )
 
 
-def _bracket(lower: LoadState, upper: LoadState) -> dict[str, tuple[float, float]]:
-    """Bounds of each value that changes between two states."""
-    named = {"pressure": (lower.pressures, upper.pressures), "load": (lower.loads, upper.loads)}
-    return {
-        f"{kind}.{name}": (low[name], high[name])
-        for kind, (low, high) in named.items()
-        for name in low
-        if low[name] != high[name]
-    }
+def _missed(stage: Stage, last: StepResult, course: Course) -> Outcome | None:
+    """How the run ends where a stage has not come to the end it names; None where it has."""
+    if stage.until == "collapse" and last.limit is None:
+        return "no collapse"
+    reached = LoadState(last.pressures, last.loads, last.motions) == course.target
+    if stage.control == "arc_length" and stage.until == "target" and not reached:
+        return "steps used up"
+    return None
 
 
-def _collapse(limit: dict[str, tuple[float, float]]) -> str:
+def _drivers(course: Course) -> list[tuple[str, str]]:
+    """Kind and name of the values that change along a course."""
+    kinds = (("pressure", "pressures"), ("load", "loads"), ("motion", "motions"))
+    return [
+        (kind, name)
+        for kind, table in kinds
+        for name in getattr(course.start, table)
+        if getattr(course.start, table)[name] != getattr(course.target, table)[name]
+    ]
+
+
+def _value(state: LoadState, kind: str, name: str) -> float:
+    values: dict[str, float] = getattr(state, f"{kind}s")
+    return values[name]
+
+
+def _bracket(course: Course, lower: float, upper: float) -> Limit:
+    """Bounds of each value that changes along a course, at two shares of it."""
+    low, high = course.at(lower), course.at(upper)
+    return {f"{kind}.{name}": (_value(low, kind, name), _value(high, kind, name)) for kind, name in _drivers(course)}
+
+
+def _no_collapse(course: Course) -> str:
+    """What a stage that should have met its largest stable load says at its end."""
+    return "no collapse up to " + ", ".join(
+        f"{kind}.{name} = {_value(course.target, kind, name):.6g}" for kind, name in _drivers(course)
+    )
+
+
+def _collapse(limit: Limit) -> str:
     """What a step that met a limit says."""
     bounds = ", ".join(f"{name} between {low:.6g} and {high:.6g}" for name, (low, high) in limit.items())
     return f"collapse: the largest stable load has {bounds}"

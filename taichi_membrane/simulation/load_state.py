@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.scene import Scene, Stage
 
 
@@ -26,6 +29,13 @@ class LoadState:
         return LoadState(
             mix(self.pressures, other.pressures), mix(self.loads, other.loads), mix(self.motions, other.motions)
         )
+
+    def change(self, other: LoadState) -> Floats:
+        """The change of all values to another state, in a fixed order."""
+        return np.subtract(other._values(), self._values())
+
+    def _values(self) -> list[float]:
+        return [*self.pressures.values(), *self.loads.values(), *self.motions.values()]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import Course, LoadState
 from taichi_membrane.simulation.results import ElementFields, ModeResult, StepResult
+from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.newton import AnyFactor
 from taichi_membrane.solvers.record import ElementState, SolveRecord
 
@@ -130,7 +131,7 @@ class Measure:
         if asked is not None and asked.kind == "vibration":
             shapes = modes.vibration(newton, factor, self._mass, asked)
         elif asked is not None and course.start != course.target:
-            path = self.equilibrium.path(newton, course.start, course.target)
+            path = self.equilibrium.path(Way(newton, course.start, course.target, self.equilibrium.press))
             shapes = modes.buckling(path, displacement, share, factor, asked)
         return AtRest(factor.negative, found, shapes)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, Outcome, Precision
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.policy import Trace
 from taichi_membrane.solvers.record import ElementState
 
 Floats = NDArray[np.float64]
@@ -65,6 +66,9 @@ class StepResult:
         used.
     :param limit: where the step met collapse, bounds of each pressure and load (``load.tip``) at the largest stable load; the
         step's own state is the equilibrium at the lower one.
+    :param trace: what the step went through, each passage at a share of the stage's course.
+    :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.load_step.Stiffest`; the next step
+        needs it.
     :param derivatives: of each probe asked for, with respect to ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``.
     """
 
@@ -91,6 +95,13 @@ class StepResult:
     derivatives: dict[str, dict[str, float]]
     modes: ModeResult | None
     seconds: float
+    trace: Trace = ()
+    stiffest: float = 0.0
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether the equilibrium is stable; None where nothing is known of it."""
+        return None if self.negative_pivots is None else self.negative_pivots == 0
 
 
 @dataclass(frozen=True, kw_only=True)

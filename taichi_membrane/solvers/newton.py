@@ -33,7 +33,7 @@ _POOR = 0.25
 _DECREASE, _SHORTEST = 1e-4, 1 / 64
 # Energies agree to this share when round-off alone separates them; the residual then decides.
 _ENERGY_NOISE = 1e-13
-# Away from an unstable equilibrium: the first push, as a share of the shortest side, and how exactly its direction is found.
+# Away from an unstable equilibrium: the first push, as a share of the sides there, and how exactly its direction is found.
 _FIRST_PUSH, _INVERSE_ITERATIONS, _DISTURBANCE = 1e-3, 12, 1e-2
 
 
@@ -52,10 +52,8 @@ class Newton:
         self.tangent = Tangent(membrane)
         self.free: NDArray[np.bool_] = ~membrane.structure.node_held
         self.shift = 0.0
-        self.definite = True
         self.gas: Gas | None = None
         self._kept: tuple[Floats, Floats, AnyFactor] | None = None
-        self.first_step = 0.0  # length of the last solve's first step without a shift, 0 where that was indefinite
         self._lowest = 0.0
         self._mode: Floats | None = None
 
@@ -77,7 +75,7 @@ class Newton:
         :param loads: (node_count, 3) dead nodal forces, for the potential energy.
         """
         started = time.perf_counter()
-        self.shift, self.definite, self.first_step, self._lowest, self._mode = 0.0, True, 0.0, 0.0, None
+        self.shift, self._lowest, self._mode = 0.0, 0.0, None
         position = self.membrane.displacement()
         energy = self._settled_energy(loads)
         residual, reason, iteration = np.inf, "iteration limit", 0
@@ -110,7 +108,6 @@ class Newton:
             residual=residual,
             seconds=time.perf_counter() - started,
             method="newton",
-            definite=self.definite,
         )
 
     def fill(self, gas: Gas | None) -> None:
@@ -144,8 +141,10 @@ class Newton:
     def at_rest(self) -> AnyFactor | None:
         """The factorised tangent at the present state, indefinite or not; None where it is singular.
 
-        It is kept, so that a load step that starts from here need not factorise again.
+        It is kept, so that a load step that starts from here need not factorise again, nor who asks twice.
         """
+        if self._kept is not None and self._is_here(self._kept):
+            return self._kept[2]
         factor = self.factorised(indefinite=True)
         self._kept = None if factor is None else (self.membrane.displacement(), self.membrane.pressures(), factor)
         return factor
@@ -156,18 +155,20 @@ class Newton:
         self.free = ~self.membrane.structure.node_held
         self._kept, self.gas = None, None
 
-    def _factor_at_rest(self, position: Floats) -> AnyFactor | None:
+    def _factor_at_rest(self) -> AnyFactor | None:
         """What :meth:`at_rest` kept, where it is still the tangent of this state."""
         kept, self._kept = self._kept, None
-        if kept is None or not (
-            np.array_equal(kept[0], position) and np.array_equal(kept[1], self.membrane.pressures())
-        ):
-            return None
-        return kept[2]
+        return kept[2] if kept is not None and self._is_here(kept) else None
+
+    def _is_here(self, kept: tuple[Floats, Floats, AnyFactor]) -> bool:
+        """Whether displacements and pressures are those of a kept factor; dead loads do not enter the tangent."""
+        return np.array_equal(kept[0], self.membrane.displacement()) and np.array_equal(
+            kept[1], self.membrane.pressures()
+        )
 
     def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""
-        at_rest = self._factor_at_rest(position)
+        at_rest = self._factor_at_rest()
         blocks: Floats | None = None
         while True:
             factor: AnyFactor | None
@@ -176,12 +177,8 @@ class Newton:
             else:
                 blocks = self.tangent.assemble() if blocks is None else blocks
                 factor = self._shifted(blocks, self.shift)
-            if factor is None:
-                self.definite = False
-            else:
+            if factor is not None:
                 direction = factor.solve(force)
-                if self.definite and self.first_step == 0.0:
-                    self.first_step = float(np.linalg.norm(direction))
                 found = self._backtrack(position, energy, force, direction, loads)
                 if found is not None:
                     position, energy, fraction = found
@@ -241,7 +238,7 @@ class Newton:
         """Move along the softest mode a little, so that what symmetry holds in an unstable equilibrium can leave it."""
         mode = self._softest_mode()
         if mode is not None:
-            step = self.membrane.from_frames(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
+            step = self._small(mode)
             self._return(self.membrane.displacement() + _DISTURBANCE * step)
 
     def _softest_mode(self) -> Floats | None:
@@ -258,7 +255,7 @@ class Newton:
 
     def _push(self, position: Floats, energy: float, mode: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """The lower state along a mode, either way, as far as the energy keeps falling; None where it rises both ways."""
-        step = self.membrane.from_frames(mode / np.abs(mode).max() * self.membrane.geometry.side_length.min())
+        step = self._small(mode)
         best: tuple[Floats, float] | None = None
         for sign in (1.0, -1.0):
             fraction = _FIRST_PUSH
@@ -272,6 +269,17 @@ class Newton:
                 fraction *= 2.0
         self._return(position if best is None else best[0])
         return best
+
+    def _small(self, mode: Floats) -> Floats:
+        """(node_count, 3) a mode, its largest component as large as the mesh's sides are where the mode moves.
+
+        Sides are averaged with the mode's square: one needle somewhere else counts as little as it moves.
+        """
+        mesh = self.membrane.structure.mesh
+        sides = self.membrane.geometry.side_length.mean(axis=1)
+        share = (mode**2).sum(axis=1)[mesh.triangles].sum(axis=1)
+        length = float(share @ sides) / float(share.sum())
+        return np.asarray(self.membrane.from_frames(mode / np.abs(mode).max() * length))
 
     def _stiffness_bound(self) -> Floats:
         """(node_count, 3) twice the fictitious masses at free components, the unit of the shift."""

@@ -22,6 +22,8 @@ _LONGER, _SHORTER = 1.5, 0.7
 _HALVINGS, _RUNAWAY = 12, 1e3
 # Towards a target: the first step as a share of the way, most steps, how closely a limit is bracketed, the step after passing one.
 _FIRST_STEP, _MOST_STEPS, _BRACKET, _REFINE = 0.25, 100, 1e-3, 0.3
+# Steps that have shrunk so far below the shortest are round-off: the path is lost.
+_VANISHING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,6 +92,42 @@ class Path:
                 return PathPoint(**{**vars(point), "iterations": spent}), length * longer
             length *= 0.5
         return None, length
+
+    def land(self, before: PathPoint, beyond: PathPoint, factor: float) -> PathPoint | None:
+        """The path's point at a load factor between those of two neighbours, stable or not; None where it is not found.
+
+        Newton's method at that load, from between the two. What lies further from there than half their distance is another branch;
+        the way is then shortened by a point in between.
+        """
+        for _ in range(_HALVINGS):
+            advance = self.membrane.in_frames(beyond.position - before.position)
+            share = (factor - before.factor) / (beyond.factor - before.factor)
+            found = self._balanced(before.position + share * (beyond.position - before.position), factor, advance)
+            if found is not None:
+                return found
+            point = self._correct(before, share * advance)[0]
+            if point is None or point.factor in (before.factor, beyond.factor):
+                return None
+            before, beyond = (point, beyond) if (point.factor < factor) == (before.factor < factor) else (before, point)
+        return None
+
+    def _balanced(self, position: Floats, factor: float, chord: Floats) -> PathPoint | None:
+        """Equilibrium at a fixed load factor, no further from a position than half the chord; None where there is none."""
+        begin, near = position, 0.5 * float(np.linalg.norm(chord))
+        for iteration in range(_MOST_ITERATIONS + 1):
+            self.membrane.set_displacement(position)
+            self.apply(factor)
+            force = self.newton.free_force()
+            residual = float(np.linalg.norm(force)) / self.reference(factor)
+            if residual <= self.tolerance:
+                return self._point(position, factor, chord, iteration, residual)
+            stiffness = self.newton.factorised(indefinite=True)
+            if stiffness is None:
+                break
+            position = position + self.membrane.from_frames(stiffness.solve(force))
+            if not float(np.linalg.norm(position - begin)) <= near:  # not a number, too
+                break
+        return None
 
     def _correct(self, before: PathPoint, advance: Floats) -> tuple[PathPoint | None, int]:
         """Iterate from the predicted point to equilibrium, perpendicular to the step; None where that fails."""
@@ -166,34 +204,66 @@ class PathEnd:
     iterations: int
 
 
-def follow(path: Path, start: PathPoint, target: float, progress: Callable[[PathPoint], None]) -> PathEnd:
+def follow(
+    path: Path,
+    start: PathPoint,
+    target: float,
+    *,
+    compare: Callable[[PathPoint, PathPoint], tuple[bool, float]],
+    longest: float,
+    shortest: float,
+    progress: Callable[[PathPoint], None],
+) -> PathEnd:
     """Follow a path from a stable point, with rising load, to a target load factor or to where it loses its stability.
 
-    A limit is bracketed to :data:`_BRACKET` of the way from the start to the target.
+    :param compare: whether two points are seen to lie on one smooth path, and how much of the load factor secant and tangents
+        differ by; a point that fails is looked for nearer.
+    :param longest: of the first step, a distance; ``shortest``: share of the first step below which points are taken as they are.
+
+    A limit is bracketed to :data:`_BRACKET` of the factor's way from 0 to the target.
     """
     last, spent = start, 0
-    close = _BRACKET * (target - start.factor)
-    length = start.length_for(_FIRST_STEP * (target - start.factor))
+    length = min(start.length_for(_FIRST_STEP * (target - start.factor)), longest)
+    least = shortest * length
     for _ in range(_MOST_STEPS):
         point, longer = path.step(last, length)
         if point is None:
             break
         spent += point.iterations
         progress(point)
-        if point.negative == 0 and point.factor >= target:
-            return PathEnd(reason="target", last=last, beyond=point, upper=None, iterations=spent)
-        if point.negative > 0 or point.factor <= last.factor:
-            falling = point.slope() < 0.0
-            upper = _crossing(last, point) if falling else point.factor
-            # Tangents that meet below either point belong to a path that is not concave between them: no bound yet.
-            bounds = not falling or upper >= max(last.factor, point.factor)
-            if bounds and upper - last.factor <= close:
-                reason = "limit" if falling else "bifurcation"
-                return PathEnd(reason=reason, last=last, beyond=point, upper=upper, iterations=spent)
-            length = _REFINE * float(np.linalg.norm(point.advance))
-        else:
+        moved = float(np.linalg.norm(point.advance))
+        smooth, slack = compare(last, point)
+        if not smooth and moved > least:
+            length = 0.5 * moved
+            continue
+        if point.negative == 0 and point.factor > last.factor:
+            if point.factor >= target:
+                return PathEnd(reason="target", last=last, beyond=point, upper=None, iterations=spent)
             last, length = point, longer
+            continue
+        upper = _upper_bound(last, point, slack, at_floor=moved <= least)
+        if upper is not None and upper - last.factor <= _BRACKET * target:
+            falling = point.slope() < 0.0 or point.factor < last.factor
+            reason = "limit" if falling else "bifurcation"
+            return PathEnd(reason=reason, last=last, beyond=point, upper=upper, iterations=spent)
+        if moved <= _VANISHING * least:
+            break
+        length = _REFINE * moved
     return PathEnd(reason="lost", last=last, beyond=None, upper=None, iterations=spent)
+
+
+def _upper_bound(before: PathPoint, after: PathPoint, slack: float, *, at_floor: bool) -> float | None:
+    """Not below the largest load factor between a rising stable point and one that is unstable or lower; None where unknown.
+
+    :param slack: what the path may bulge above its tangents, as far as they and the secant differ.
+    :param at_floor: the two are as near as points are looked for: the rising one's tangent bounds a path that is not concave, too.
+    """
+    upper = after.factor if after.slope() >= 0.0 else _crossing(before, after) + slack
+    if upper >= max(before.factor, after.factor):
+        return upper
+    # Tangents that meet below either point belong to a path that is not concave between them.
+    rise = max(before.slope(), 0.0) * float(np.linalg.norm(after.advance))
+    return max(after.factor, before.factor + rise) if at_floor else None
 
 
 def _crossing(before: PathPoint, after: PathPoint) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,13 @@ class Progress:
     seconds: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SolveRecord:
     """How a solve ended.
 
     :param reason: ``residual`` when converged, else ``iteration limit``, ``not finite``, ``no descent`` (Newton found no step that
         lowers the energy) or ``stagnated at a residual of …`` (relaxation met round-off).
     :param residual: 2-norm of the out-of-balance forces on free degrees of freedom over the reference load.
-    :param definite: False where Newton met a tangent that is not positive definite: the state may lie on another branch.
     :param method: which solver did it, such as ``newton`` or, where several took part, ``newton 60 + relaxation 500 + newton 7``.
     """
 
@@ -36,7 +35,20 @@ class SolveRecord:
     residual: float
     seconds: float
     method: str
-    definite: bool = True
+
+
+def joined(*parts: SolveRecord) -> SolveRecord:
+    """One record of several solvers' work on one state; the last one's verdict counts."""
+    return replace(
+        parts[-1],
+        method=" + ".join(
+            f"{part.method} {part.iterations}" if "+" not in part.method else part.method for part in parts
+        )
+        if len(parts) > 1
+        else parts[-1].method,
+        iterations=sum(part.iterations for part in parts),
+        seconds=sum(part.seconds for part in parts),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

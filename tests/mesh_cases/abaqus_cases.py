@@ -101,7 +101,15 @@ ABAQUS = [
     _a(
         "nodes of instances in sets and elements of the assembly",
         A_TWO + "*Nset, nset=n\none.1, two.9\n*Element, type=T3D2, elset=tie\n1, one.1, two.1\n*End Assembly\n",
-        Read(triangles=16, area=8, nodes=18, lines=1, line_groups={"tie": 1}, node_groups={"n": 2}),
+        Read(
+            triangles=16,
+            area=8,
+            nodes=18,
+            lines=1,
+            tri_groups={"one": 8, "two": 8, "one.bag": 8, "two.bag": 8},
+            line_groups={"tie": 1},
+            node_groups={"n": 2},
+        ),
     ),
     _a(
         "a mesh inside its instance",
@@ -115,7 +123,7 @@ ABAQUS = [
         A_PART.replace("*Assembly, name=A\n", "")
         + A_PART.replace("=sheet", "=other")
         + "*Instance, name=i, part=sheet\n*End Instance\n*Instance, name=j, part=other\n10, 0, 0\n*End Instance\n*End Assembly\n",
-        Read(triangles=16, area=8, nodes=18, tri_groups={"i.bag": 8, "j.bag": 8}),
+        Read(triangles=16, area=8, nodes=18, tri_groups={"i": 8, "j": 8, "i.bag": 8, "j.bag": 8}),
     ),
     _a(
         "several parts without instances",
@@ -180,4 +188,41 @@ ABAQUS = [
         r"line 20: the node set 'x' holds itself",
     ),
     _a("numbers given twice", A_SHEET + "*NODE\n1, 5, 5, 5\n", r"line 21: node 1 is at another place than on line 2"),
+    _a(
+        "parameters cut short",
+        A_SHEET + "*NSET, NSET=every, GEN\n1, 9, 1\n",
+        Read(node_groups={"every": 9}, **BAG),
+    ),
+    _a(
+        "parameters that are not read",
+        A_SHEET.replace("TYPE=S3", "TYPE=S3, OFFSET=100"),
+        r"line 11: \*ELEMENT: the parameter 'OFFSET' is not read; allowed: TYPE, ELSET, INPUT",
+    ),
+    _a(
+        "nodes of an instance's element set",
+        A_TWO + "*NSET, NSET=a, ELSET=one.bag\n*NSET, NSET=b, ELSET=bag, INSTANCE=two\n*END ASSEMBLY\n",
+        Read(
+            triangles=16,
+            nodes=18,
+            area=8.0,
+            tri_groups={"one": 8, "two": 8, "one.bag": 8, "two.bag": 8},
+            node_groups={"a": 9, "b": 9, "one.left": 3, "two.left": 3},
+        ),
+    ),
+    _a(
+        "an element set with an instance's name",
+        A_TWO + "*ELSET, ELSET=two, INSTANCE=one, INTERNAL\n1, 2\n*END ASSEMBLY\n",
+        Read(
+            triangles=16,
+            nodes=18,
+            area=8.0,
+            tri_groups={"one": 8, "two": 2, "one.bag": 8, "two.bag": 8},
+            notes=("the instance 'two' gives no group: an element set of the assembly has its name",),
+        ),
+    ),
+    _a(
+        "a keyword without its comma",
+        A_SHEET.replace("*ELEMENT,", "*ELEMENT"),
+        r"line 11: a comma is missing between keyword and parameter: '\*ELEMENT TYPE=S3'",
+    ),
 ]

@@ -139,4 +139,22 @@ GMSH = [
         g_old([*G_SHEET[:-1], (2, 2, 1, 1, 5, 9, 77)]),
         "a triangle uses node 77, which is not defined",
     ),
+    _g(
+        "4.1: groups that have a surface in both orientations",
+        g_new(G_ENTITIES.replace("2 2 1 0", "2 2 -1 0"), G_BLOCKS),
+        Read(
+            lines=2,
+            tri_groups={"low": 8, "high": 4},
+            line_groups={"rim": 2},
+            notes=("the physical groups 2, -1 of entity 2 have its elements in both orientations",),
+        ),
+    ),
+    _g(
+        "two physical groups of one name",
+        g_old(G_SHEET, G_NAMES.replace('2 2 "high"', '2 2 "low"')),
+        Read(
+            tri_groups={"low": 8},
+            notes=("several groups are named 'low': they are joined", "the physical group 'rim'"),
+        ),
+    ),
 ]

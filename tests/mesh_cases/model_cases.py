@@ -31,7 +31,12 @@ MEDIT = [
     _m(
         "corners, ridges, normals",
         M_SHEET.replace("End", "Corners\n2\n1 3\nRidges\n1\n1\nEnd"),
-        Read(lines=1, line_groups={"ref_8": 1}, notes=("Corners (2, line 28), Ridges (1, line 31)",)),
+        Read(
+            lines=1,
+            tri_groups={"ref_1": 4, "ref_2": 4},
+            line_groups={"ref_8": 1},
+            notes=("Corners (2, line 28), Ridges (1, line 31)",),
+        ),
     ),
     _m(
         "tetrahedra",
@@ -90,7 +95,9 @@ KRATOS = [
     _k(
         "conditions, data of nodes",
         K_SHEET + "Begin Conditions SurfaceCondition3D3N\n1 0 1 2 5\nEnd Conditions\n",
-        Read(lines=1, line_groups={"properties_3": 1}, notes=("Conditions SurfaceCondition3D3N",)),
+        Read(
+            lines=1, tri_groups=PROPERTIES, line_groups={"properties_3": 1}, notes=("Conditions SurfaceCondition3D3N",)
+        ),
     ),
     _k(
         "solids",
@@ -103,6 +110,27 @@ KRATOS = [
         K_SHEET.replace("8 2 5 9 8", "8 2 5 77 8"),
         "line 25: element 8 uses node 77, which is not defined",
     ),
+    _k(
+        "quadrilaterals in a plane",
+        K_SHEET[: K_SHEET.index("Begin Elements")]
+        + "Begin Elements Element2D4N\n"
+        + "".join(f"{n} 1 {a} {b} {c} {d}\n" for n, (a, b, c, d) in enumerate(QUADS, 1))
+        + "End Elements\n",
+        Read(tri_groups={"properties_1": 8}, notes=("split 4 quadrilaterals",)),
+    ),
+    _k(
+        "conditions of sub model parts",
+        K_SHEET
+        + "Begin SubModelPart a\nBegin SubModelPartConditions\n1\nEnd SubModelPartConditions\nEnd SubModelPart\n",
+        Read(
+            lines=1, tri_groups=PROPERTIES, line_groups={"properties_3": 1}, notes=("SubModelPartConditions (line 31)",)
+        ),
+    ),
+    _k(
+        "geometries in place of elements",
+        K_SHEET[: K_SHEET.index("Begin Elements")] + "Begin Geometries Triangle3D3\n1 1 2 5\nEnd Geometries\n",
+        r"the file holds no triangles and no cells, and 9 nodes; not carried over: Geometries Triangle3D3 \(line 17\)",
+    ),
 ]
 
 
@@ -113,6 +141,7 @@ D_SHELLS = "*ELEMENT_SHELL\n" + "".join(
 D_PARTS = "*PART\nbag\n" + f"{1:10d}{1:10d}{1:10d}\n" + "patch\n" + f"{2:10d}{1:10d}{1:10d}\n"
 D_SHEET = D_NODES + D_SHELLS + D_PARTS + "*END\n"
 PART = {"part_1": 4, "part_2": 4}
+NAMED = {**PART, "bag": 4, "patch": 4}
 
 
 def _d(feature: str, content: str, verdict: Read | str, **others: str) -> Case:
@@ -126,7 +155,7 @@ DYNA = [
     _d(
         "fields between commas, comments",
         "$ x\n" + D_SHEET.replace("       8       2       5       9       8       8", "8,2,5,9,8,8"),
-        Read(tri_groups=PART),
+        Read(tri_groups=NAMED),
     ),
     _d(
         "quadrilaterals",
@@ -143,7 +172,7 @@ DYNA = [
     _d(
         "beams and belts",
         D_SHEET.replace("*PART", "*ELEMENT_BEAM\n      20       3       1       2       0\n*PART"),
-        Read(lines=1, tri_groups=PART, line_groups={"part_3": 1}),
+        Read(lines=1, tri_groups=NAMED, line_groups={"part_3": 1}),
     ),
     _d(
         "sets of nodes, shells, parts",
@@ -152,7 +181,7 @@ DYNA = [
             "*SET_NODE_LIST_TITLE\nheld\n         7\n         1         2\n*SET_SHELL_LIST_GENERATE\n         8\n"
             "         2         4\n*SET_PART_LIST\n         9\n         1         2\n*PART",
         ),
-        Read(tri_groups={"set_shell_8": 3, "set_part_9": 8, **PART}, node_groups={"held": 2}),
+        Read(tri_groups={"set_shell_8": 3, "set_part_9": 8, **NAMED}, node_groups={"held": 2}),
     ),
     _d("INCLUDE of a file beside it", "*KEYWORD\n*INCLUDE\nn.inc\n" + D_SHELLS, Read(tri_groups=PART), n=D_NODES),
     _d(
@@ -163,7 +192,7 @@ DYNA = [
     _d(
         "other keywords",
         D_SHEET.replace("*PART", "*MAT_FABRIC\n1\n*PART"),
-        Read(tri_groups=PART, notes=(r"*MAT_FABRIC (1, first on line 21)",)),
+        Read(tri_groups=NAMED, notes=(r"*MAT_FABRIC (1, first on line 21)",)),
     ),
     _d(
         "solids",
@@ -184,5 +213,75 @@ DYNA = [
         "nodes that are not defined",
         D_SHEET.replace("9       8       8\n", "77       8       8\n").replace("       577", "       5      77"),
         "line 20: shell 8 uses node 77|line 20",
+    ),
+    _d(
+        "blank titles",
+        D_SHEET.replace("*PART\nbag", "*PART\n"),
+        Read(tri_groups={**PART, "patch": 4}),
+    ),
+    _d(
+        "blank cards of thickness",
+        D_NODES
+        + "*ELEMENT_SHELL_THICKNESS\n"
+        + "".join(f"{n},1,{a},{b},{c},{c}\n\n" for n, (a, b, c) in enumerate(TRIANGLES, 1)),
+        Read(tri_groups={"part_1": 8}, notes=("thickness, angle or offset of 8 shells",)),
+    ),
+    _d(
+        "one title of several parts or sets",
+        D_SHEET.replace("*END", "*SET_SHELL_LIST_TITLE\nbag\n7\n5\n*SET_SHELL_LIST_TITLE\nbag\n8\n6\n*END"),
+        Read(
+            tri_groups={"set_shell_7": 1, "set_shell_8": 1, "patch": 4, **PART},
+            notes=("titles of several parts or sets, which go by their numbers alone: 'bag'",),
+        ),
+    ),
+    _d(
+        "sets of parts that add sets, or name parts",
+        D_SHEET.replace(
+            "*END", "*SET_PART\n1\n1\n*SET_PART\n2\n2\n*SET_PART_ADD\n3\n1,2\n*SET_PART_GENERAL\n4\nPART,2\n*END"
+        ),
+        Read(tri_groups={"set_part_1": 4, "set_part_2": 4, "set_part_3": 8, "set_part_4": 4, **NAMED}),
+    ),
+    _d(
+        "parts with inertia",
+        D_NODES
+        + D_SHELLS
+        + "*PART_INERTIA\nbag\n1,1,1\n0,0,0,1,1\n1,0,0,1,0,1\n0,0,0\n1,0,0\npatch\n2,1,1\n0,0,0,1,0\n1,0,0,1,0,1\n0,0,0\n",
+        Read(tri_groups={"bag": 4, "patch": 4, **PART}),
+    ),
+    _d(
+        "format I10",
+        "*KEYWORD I10=Y\n*NODE\n"
+        + "".join(f"{n:10d}{x:16.8f}{y:16.8f}{z:16.8f}\n" for n, (x, y, z) in enumerate(NODES, 1))
+        + "*ELEMENT_SHELL\n"
+        + "".join(f"{n:10d}{1:10d}{a:10d}{b:10d}{c:10d}{c:10d}\n" for n, (a, b, c) in enumerate(TRIANGLES, 1)),
+        Read(tri_groups={"part_1": 8}),
+    ),
+    _d(
+        "long format",
+        "*KEYWORD LONG=Y\n*NODE\n"
+        + "".join(f"{n:20d}{x:20.8f}{y:20.8f}{z:20.8f}\n" for n, (x, y, z) in enumerate(NODES, 1))
+        + "*ELEMENT_SHELL\n"
+        + "".join(f"{n:20d}{1:20d}{a:20d}{b:20d}{c:20d}{c:20d}\n" for n, (a, b, c) in enumerate(TRIANGLES, 1)),
+        Read(tri_groups={"part_1": 8}),
+    ),
+    _d(
+        "constraints of nodes",
+        D_SHEET.replace(f"{2:16.8f}{2:16.8f}{0:16.8f}\n", f"{2:16.8f}{2:16.8f}{0:16.8f}{7:8d}{7:8d}\n"),
+        Read(tri_groups=NAMED, notes=("the constraints of 1 node",)),
+    ),
+    _d(
+        "files brought in and moved",
+        D_SHEET.replace("*PART", "*INCLUDE_STAMPED_PART\nx.k\n*PART"),
+        r"line 21: \*INCLUDE_STAMPED_PART is not read: only \*INCLUDE is",
+    ),
+    _d(
+        "keywords in a format of their own: +, -, %",
+        "*KEYWORD\n*NODE +\n"
+        + "".join(f"{n:20d}{x:20.8f}{y:20.8f}{z:20.8f}\n" for n, (x, y, z) in enumerate(NODES, 1))
+        + "*ELEMENT_SHELL%\n"
+        + "".join(f"{n:10d}{1:10d}{a:10d}{b:10d}{c:10d}{c:10d}\n" for n, (a, b, c) in enumerate(TRIANGLES[:4], 1))
+        + "*ELEMENT_SHELL -\n"
+        + "".join(f"{n:8d}{2:8d}{a:8d}{b:8d}{c:8d}{c:8d}\n" for n, (a, b, c) in enumerate(TRIANGLES[4:], 5)),
+        Read(tri_groups=PART),
     ),
 ]

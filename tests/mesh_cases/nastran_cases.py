@@ -136,4 +136,25 @@ NASTRAN = [
         "line 17: CTRIA3 8 uses grid point 77, which is not defined",
     ),
     _n("superelements", "BEGIN BULK\n" + N_SHEET + "BEGIN SUPER=1\n", "line 19: a second BEGIN BULK"),
+    _n(
+        "thickness at the corners",
+        N_SHEET.replace("CTRIA3  8       20      5       9       8       ", "CTRIA3,8,20,5,9,8,,,\n,,,0.1,0.2,0.3"),
+        Read(notes=("the thickness at the corners of 1 elements",), **PIDS),
+    ),
+    _n(
+        "constraints of grid points",
+        N_SHEET.replace("GRID    9               2.0000  2.0000  0.0000", "GRID,9,,2.,2.,0.,,123"),
+        Read(notes=("the constraints (PS) of 1 grid point",), **PIDS),
+    ),
+    _n(
+        "sets of the case control",
+        "CEND\nSET 1 = 1 THRU 5\nBEGIN BULK\n" + N_SHEET,
+        Read(notes=("SET of the case control (1, first on line 2)",), **PIDS),
+    ),
+    _n(
+        "elements that name no property",
+        N_SHEET.replace("10      ", "        ").replace("20      ", "        ") + "PSHELL,8,3\n",
+        Read(tri_groups={"pid_8": 1, "mid_3": 1}),
+    ),
+    _n("SPC1", N_SHEET + "SPC1,1,123,1,THRU,3\n", Read(notes=("SPC1 (1, first on line 18)",), **PIDS)),
 ]

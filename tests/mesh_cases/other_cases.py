@@ -60,6 +60,45 @@ DXF = [
     _x("solids, surfaces, MESH", x_drawing(X_FACES + "0\nMESH\n8\n0\n"), "MESH is not read: convert it to 3DFACE"),
     _x("binary", "AutoCAD Binary DXF\r\n", "binary DXF is not read"),
     _x("a drawing that is cut off", x_drawing(X_FACES)[:-7], "the drawing has no EOF: it is cut off"),
+    _x(
+        "the drawing's unit",
+        x_drawing(X_FACES).replace(
+            "0\nSECTION", "0\nSECTION\n2\nHEADER\n9\n$INSUNITS\n70\n4\n0\nENDSEC\n0\nSECTION", 1
+        ),
+        Read(tri_groups=HALVES, notes=("the drawing's unit is the millimetre ($INSUNITS)",)),
+    ),
+    _x(
+        "entities of paper space",
+        x_drawing(X_FACES + x_face((1, 3, 7), "sheet").replace("8\nsheet", "67\n1\n8\nsheet")),
+        Read(tri_groups=HALVES, notes=("1 entity of paper space",)),
+    ),
+    _x(
+        "faces with a direction of extrusion",
+        x_drawing(X_FACES.replace("8\nlow", "8\nlow\n230\n-1")),
+        Read(tri_groups=HALVES),
+    ),
+    _x(
+        "invisible entities",
+        x_drawing(X_FACES + x_face((1, 3, 7), "x").replace("8\nx", "60\n1\n8\nx")),
+        Read(tri_groups=HALVES, notes=("1 invisible entity",)),
+    ),
+    _x(
+        "layers that are off or frozen",
+        x_drawing(X_FACES).replace(
+            "0\nSECTION", "0\nSECTION\n2\nTABLES\n0\nLAYER\n2\nlow\n70\n1\n0\nENDSEC\n0\nSECTION", 1
+        ),
+        Read(tri_groups=HALVES, notes=("layers that are off or frozen, read like others: low",)),
+    ),
+    _x(
+        "polyface meshes whose faces lie in layers of their own",
+        x_drawing(X_POLYFACE.replace("0\nVERTEX\n70\n128", "0\nVERTEX\n8\nlow\n70\n128", 4)),
+        Read(tri_groups={"low": 4, "skin": 4}),
+    ),
+    _x(
+        "blocks with solids",
+        x_drawing(X_FACES + "0\nINSERT\n2\nB\n", "0\nBLOCK\n2\nB\n0\n3DSOLID\n"),
+        "the block 'B' is inserted: explode blocks",
+    ),
 ]
 
 
@@ -135,6 +174,38 @@ ANY = [
         O_SHEET.replace("f 1 2 5", "g all\nf 1 2 5").replace("f 4 5 8", "g\nf 4 5 8"),
         Read(tri_groups={"all_of_file": 4}, notes=("the group named 'all' goes by the name 'all_of_file'",)),
     ),
+    Case(
+        "any",
+        "groups named all and all_of_file",
+        "o.obj",
+        O_SHEET.replace("f 1 2 5", "g all\nf 1 2 5").replace("f 4 5 8", "g all_of_file\nf 4 5 8"),
+        Read(
+            tri_groups={"all_of_file": 4, "all_of_file_2": 4},
+            notes=("the group named 'all' goes by the name 'all_of_file_2'",),
+        ),
+    ),
+    Case(
+        "any",
+        "a quadrilateral with a corner that points inwards",
+        "o.obj",
+        "v 0 10 0\nv -2 -1 0\nv 0 0 0\nv 2 -1 0\nf 1 2 3 4\n",
+        Read(triangles=2, nodes=4, area=20.0, notes=("of these 1 along the longer diagonal",)),
+    ),
+    Case(
+        "any",
+        "a quadrilateral with three corners on one line",
+        "o.obj",
+        "v 0 0 0\nv 1 0 0\nv 2 0 0\nv 1 3 0\nf 1 2 3 4\n",
+        Read(triangles=2, nodes=4, area=3.0, notes=("of these 1 along the longer diagonal",)),
+    ),
+    Case(
+        "any",
+        "a quadrilateral that crosses itself",
+        "o.obj",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3 4\n",
+        r"quad 0 \(line 5\) is a quadrilateral that crosses itself, is folded or has no area; 1 such in all",
+    ),
+    Case("any", "extensions of the trade that are not read", "o.step", "ISO-10303-21;", "it holds no mesh: mesh it"),
     Case("any", "an unknown extension", "o.docx", O_SHEET, "the file extension '.docx' is unknown; allowed: .3dm, "),
     Case(
         "any",

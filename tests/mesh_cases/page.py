@@ -19,10 +19,11 @@ Made from the table that the tests check (`tests/mesh_cases`), by `PYTHONPATH=te
 A mesh is triangles, with named groups of elements and of nodes; line elements with named groups (`mesh.lines`, `mesh.line_groups`);
 and points that no triangle uses but a group or a line does (`mesh.loose_points`, `mesh.loose_groups`). A group of elements also
 names its nodes; where points, lines and triangles have groups of one name, the node group of that name is of the lowest kind. What
-a file says besides is named in `mesh.notes` (`taichi-membrane check` prints them), or the file is refused with one message and exit
-code 2. A group that the scene does not use is never a reason to refuse a file.
+a file says besides is named in `mesh.notes` (`taichi-membrane check` and `run` print them, a run's `summary.json` keeps them), or
+the file is refused with one message and exit code 2. A group that the scene does not use is never a reason to refuse a file.
 
-- **Quadrilaterals** are split along their shorter diagonal. **Second-order and solid elements** are refused by name.
+- **Quadrilaterals** of every format are always split in two, along the shorter diagonal that lies inside; a note says how many.
+  **Second-order and solid elements** are refused by name.
 - **Nodes** keep their order in the file, without those that nothing uses; **elements** keep theirs, a quadrilateral being two in
   its place. Messages name elements and nodes by their numbers in the mesh, from 0, and then as the file calls them.
 - **Cracks**: free edges that lie on each other, or nearly, are refused with their number and largest gap, and so are nodes on a
@@ -30,7 +31,9 @@ code 2. A group that the scene does not use is never a reason to refuse a file.
   (single precision and rounded text are told from the numbers), at least {same:g} of the mesh's size, at most {nearly:g} of the
   shortest edge. Gaps up to that share of the shortest edge are refused whatever the digits are; `join = 1e-4` in the scene's mesh
   makes `--repair` join them. `open_seams = true` keeps all such edges apart, as slits.
-- **Counts** in the file are compared with what is there; reading is bounded in memory and time.
+- **Counts** in the file are compared with what is there; reading is bounded in memory and time. Two million triangles are loaded,
+  welded and validated in 9.0 s and 0.92 GiB from binary STL, in 6.4 s and 0.70 GiB from `.vtu`, in 5.4 s from compressed `.vtu`
+  (one thread of an AMD EPYC; `benchmarks/mesh_files.py`).
 - **Writing**: `mesh.save("file.vtu")` keeps everything; `.inp` and `.msh` all but warp directions; `.stl` bare surfaces, in single
   precision.
 - **Text** may be UTF-8, UTF-16 with its mark, or any 8-bit encoding (read as Latin-1).
@@ -39,7 +42,8 @@ File extensions: {own}.
 Through meshio, with its sets and whole-number arrays as groups: {plain}; with a package more
 (`pip install 'taichi-membrane[mesh]'`): {extra}.
 `.3dm` needs rhino3dm: meshes of the model; layers and object names as groups. `.cgns` needs h5py: one unstructured zone; sections
-and boundary conditions as groups.
+and boundary conditions as groups. `.e`, `.ex2`, `.exo` (Exodus) need netCDF4: element blocks and node sets as groups; side sets are
+named in a note. What meshio says of a file it reads is a note too.
 
 """
 

@@ -65,6 +65,22 @@ STL = [
         S_SHEET.replace("    endloop", "      vertex 0 1 0\n    endloop", 1),
         "line 8: the facet has 4 vertices",
     ),
+    _s(
+        "normals that are no numbers",
+        S_SHEET.replace("0 0 1\n    outer", "-nan(ind) -nan(ind) -nan(ind)\n    outer"),
+        Read(),
+    ),
+    _s(
+        "facets without area",
+        S_SHEET.replace("vertex 1 1 0", "vertex 2 0 0", 1),
+        r"element 0 .* is degenerate: .* In the file: facet 0 \(line 2\)",
+    ),
+    _s(
+        "zeros with a minus",
+        S_SHEET.replace("vertex 0 ", "vertex -0 ", 1).replace("vertex 1 0 0", "vertex 1 -0.0 0", 1),
+        Read(),
+    ),
+    _s("stored normals that are only inexact", S_SHEET.replace("normal 0 0 1", "normal 0.866 0 0.5"), Read()),
 ]
 
 
@@ -116,6 +132,11 @@ OBJ = [
     ),
     _o(
         "vertices that there are not", O_SHEET + "f 1 2 10\n", "line 18: vertex 10 is used, and the file has 9 vertices"
+    ),
+    _o(
+        "number signs inside names",
+        O_SHEET.replace("f 1 2 5", "usemtl pvc#1 # low\nf 1 2 5").replace("f 4 5 8", "usemtl pvc#2\nf 4 5 8"),
+        Read(tri_groups={"pvc#1": 4, "pvc#2": 4}),
     ),
 ]
 
@@ -179,6 +200,14 @@ PLY = [
     ),
     _p("counts that do not agree", P_SHEET + "3 0 1 4\n", "line 27: more lines follow than are announced"),
     _p("a file that is cut off", P_SHEET[:-8], "8 times face are announced, 7 are there: cut off"),
+    _p(
+        "normals and colours of vertices, texture of faces",
+        P_HEAD.format("ascii").replace("property float x", "property uchar red\nproperty float x")
+        + P_FACES.format("vertex_indices").replace("end_header", "property list uchar float texcoord\nend_header")
+        + "".join(f"255 {x} {y} {z}\n" for x, y, z in NODES)
+        + "".join(f"3 {a - 1} {b - 1} {c - 1} 2 0 0\n" for a, b, c in TRIANGLES),
+        Read(notes=("'texcoord' of faces", "'red' of vertices")),
+    ),
 ]
 
 
@@ -196,9 +225,13 @@ OFF = [
     _f(
         "COFF: colours of vertices",
         "COFF\n9 8 0\n" + "".join(f"{x} {y} {z} 255 0 0 255\n" for x, y, z in NODES) + F_BODY[54:],
-        Read(),
+        Read(notes=("normals, colours or texture of the vertices",)),
     ),
-    _f("NOFF: normals", "NOFF\n9 8 0\n" + "".join(f"{x} {y} {z} 0 0 1\n" for x, y, z in NODES) + F_BODY[54:], Read()),
+    _f(
+        "NOFF: normals",
+        "NOFF\n9 8 0\n" + "".join(f"{x} {y} {z} 0 0 1\n" for x, y, z in NODES) + F_BODY[54:],
+        Read(notes=("normals, colours",)),
+    ),
     _f(
         "colours of faces",
         "OFF\n9 8 0\n" + F_BODY.replace("3 0 1 4\n", "3 0 1 4 255 0 0\n"),

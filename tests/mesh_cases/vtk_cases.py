@@ -107,4 +107,16 @@ VTK = [
     _v(".vtu: solids", "v.vtu", x_vtu(kind="10"), "cell 0 is of VTK's type 10: solid elements are no membrane"),
     _v(".vtu: second-order cells", "v.vtu", x_vtu(kind="22"), "cell 0 is of VTK's type 22: second-order elements"),
     _v(".vtu: a file that is cut off", "v.vtu", x_vtu()[:-30], "the file is no well-formed XML"),
+    _v(
+        ".vtu: cells marked as ghosts",
+        "v.vtu",
+        x_vtu('<DataArray type="UInt8" Name="vtkGhostType" format="ascii">0 0 0 0 0 0 0 1</DataArray>'),
+        Read(notes=("1 cell of 8 marked as ghosts",)),
+    ),
+    _v(
+        ".vtu: texts",
+        "v.vtu",
+        x_vtu('<Array type="String" Name="names" format="ascii">65 0</Array>'),
+        Read(notes=("the array 'names' of type 'String'",)),
+    ),
 ]

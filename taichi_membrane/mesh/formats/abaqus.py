@@ -142,7 +142,7 @@ class _Reader:
         own = self._grow(sets, keyword.need(parameter), keyword)
         instance = keyword.parameters.get("INSTANCE", "")
         if parameter == "NSET" and keyword.parameters.get("ELSET"):
-            own.of_elements.append((keyword.parameters["ELSET"], keyword.source, keyword.line))
+            own.of_elements.append((instance, keyword.parameters["ELSET"], keyword.source, keyword.line))
         generate = "GENERATE" in keyword.parameters
         for data, source, line in keyword.data:
             if generate:

@@ -25,7 +25,7 @@ class SetDefinition:
 
     :param ranges: (instance, first, last, step) of GENERATE.
     :param names: (instance, word, where): names of other sets, ``instance.number``, or numbers in an instance.
-    :param of_elements: element sets whose nodes belong to this node set.
+    :param of_elements: (instance, name, where) of element sets whose nodes belong to this node set.
     """
 
     name: str
@@ -35,7 +35,7 @@ class SetDefinition:
     lines: dict[int, tuple[Source, int]] = field(default_factory=dict)
     ranges: list[tuple[str, int, int, int]] = field(default_factory=list)
     names: list[tuple[str, str, Source, int]] = field(default_factory=list)
-    of_elements: list[tuple[str, Source, int]] = field(default_factory=list)
+    of_elements: list[tuple[str, str, Source, int]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +112,9 @@ class _Sets:
             held.append(numbering.between(first, last, step) + self._first(kind, where))
         for instance, word, source, line in own.names:
             held.append(self._named(own, kind, scope, instance, word, source, line))
-        for name, source, line in own.of_elements:
-            where = scope if name.upper() in self.definitions("element", scope) else 0
-            if name.upper() not in self.definitions("element", where):
-                raise source.fault(f"there is no element set {shown(name)}", line)
-            held += [self.corners[cell] for cell in self.members("element", where, name.upper()).tolist()]
+        for instance, name, source, line in own.of_elements:
+            cells = self._named(own, "element", scope, instance, name, source, line)
+            held += [self.corners[cell] for cell in cells.tolist()]
         return held
 
     def _named(
@@ -137,9 +135,7 @@ class _Sets:
         elif not inside and where != 0 and not instance and word.upper() in self.definitions(kind, 0):
             return self.members(kind, 0, word.upper())
         known = ", ".join(item[0].name for item in self.definitions(kind, where).values()) or "(none)"
-        told = (
-            f"the {kind} set {shown(own.name)} names {shown(word)}, which is no {kind} and no {kind} set; sets: {known}"
-        )
+        told = f"the set {shown(own.name)} names {shown(word)}, which is no {kind} and no {kind} set; sets: {known}"
         raise source.fault(told, line)
 
     def _find(self, kind: _Kind, scope: int, labels: Ints) -> Ints:
@@ -185,6 +181,9 @@ def name_sets(raw: RawMesh, sets: list[NamedSet], instances: dict[str, range]) -
             else:
                 raw.group_cells(name, item.members)
     if len(instances) > 1:
+        taken = {name for kind, name in own if kind == "element"}
         for name, cells in instances.items():
-            if len(cells):
+            if name.upper() in taken:
+                raw.notes.append(f"the instance '{name}' gives no group: an element set of the assembly has its name")
+            elif len(cells):
                 raw.group_cells(name, cells)

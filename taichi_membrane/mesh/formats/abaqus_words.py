@@ -47,6 +47,17 @@ SILENT = frozenset(
      "FILEOUTPUT", "INCREMENTATION", "END")
 )  # fmt: skip
 
+# Parameters of the keywords that are read; any other could change what they mean.
+_PARAMETERS: dict[str, tuple[str, ...]] = {
+    "NODE": ("NSET", "INPUT", "SYSTEM"),
+    "ELEMENT": ("TYPE", "ELSET", "INPUT"),
+    "NSET": ("NSET", "ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
+    "ELSET": ("ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
+    "PART": ("NAME",),
+    "INSTANCE": ("NAME", "PART", "LIBRARY", "INSTANCE"),
+    "INCLUDE": ("INPUT",),
+}
+
 
 def element_kind(name: str, source: Source, line: int) -> CellKind:
     """What an element type is.
@@ -94,7 +105,8 @@ def keywords(source: Source) -> Iterator[Keyword]:
                 yield found
             found = Keyword(name, parameters, at, line)
         elif found is None:
-            raise at.fault(f"data stand before the first keyword: {shown(','.join(words))}", line)
+            told = f"data stand before the first keyword: {shown(','.join(words))}"
+            raise at.fault(f"{told}; keywords begin with a star (a UCD file of AVS is read as .avs)", line)
         elif found.name != "HEADING":
             found.data.append((words, at, line))
     if found is not None:
@@ -143,12 +155,29 @@ def _data_file(source: Source) -> Iterator[_Line]:
 def _keyword(text: str, source: Source, line: int) -> tuple[str, dict[str, str]]:
     """Name without blanks in capitals, parameters; commas inside quotation marks separate nothing."""
     head, *rest = re.findall(r'(?:[^,"]|"[^"]*"?)+', text)
-    parameters = {}
+    name = re.sub(r"\s+", "", head[1:]).upper()
+    if "=" in name:
+        raise source.fault(f"a comma is missing between keyword and parameter: {shown(head.strip())}", line)
+    parameters: dict[str, str] = {}
     for part in rest:
         key, equals, value = part.partition("=")
-        key = re.sub(r"\s+", "", key).upper()
+        key = _parameter(name, re.sub(r"\s+", "", key).upper(), source, line)
         if key in parameters:
             raise source.fault(f"the parameter {key} is given twice", line)
         if key:
             parameters[key] = value.strip().strip('"') if equals else ""
-    return re.sub(r"\s+", "", head[1:]).upper(), parameters
+    return name, parameters
+
+
+def _parameter(name: str, key: str, source: Source, line: int) -> str:
+    """The full name of a parameter, which may be shortened as long as it is one alone.
+
+    :raises InputError: the keyword has no such parameter.
+    """
+    allowed = _PARAMETERS.get(name, ())
+    if not allowed or not key or key in allowed:
+        return key
+    meant = [word for word in allowed if len(key) >= 3 and word.startswith(key)]
+    if len(meant) != 1:
+        raise source.fault(f"*{name}: the parameter {shown(key)} is not read; allowed: {', '.join(allowed)}", line)
+    return meant[0]

@@ -14,6 +14,7 @@ from taichi_membrane.mesh.precision import resolution
 from taichi_membrane.mesh.topology import sorted_unique
 
 Ints = NDArray[np.int64]
+_ROUND_OFF = 1e-12  # relative; figures of a quad that differ by less are equal but for the rounding of its coordinates
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ def assemble(source: Source, raw: RawMesh) -> MeshParts:
     notes = list(raw.notes)
     _check(source, raw)
     points, raw = _welded(raw)
-    triangles, tri_cell = _triangles(points, raw, notes)
+    triangles, tri_cell = _triangles(source, points, raw, notes)
     lines, line_cell = _of_kind(raw, "line")
     first = np.full(raw.cell_count, -1, dtype=np.int64)
     count = np.zeros(raw.cell_count, dtype=np.int64)
@@ -107,8 +108,11 @@ def _without_reserved(groups: dict[str, Ints], count: int, notes: list[str]) -> 
     for name, members in groups.items():
         own = name if name.strip() else "unnamed"
         own = "all_of_file" if own == "all" and len(members) != count else own
-        if own != name:
-            notes.append(f"the group named {name!r} goes by the name '{own}'")
+        while own != name and (own in groups or own in found):
+            own += "_2"
+        told = f"the group named {name!r} goes by the name '{own}'"
+        if own != name and told not in notes:
+            notes.append(told)
         found[own] = members
     return found
 
@@ -129,7 +133,8 @@ def _check(source: Source, raw: RawMesh) -> None:
             if len(block.nodes)
         ]
         told = f", only {listed(held)}" if held else " and no cells"
-        raise source.fault(f"the file holds no triangles{told}, and {several(len(raw.points), 'node')}")
+        told += f", and {several(len(raw.points), 'node')}"
+        raise source.fault(f"the file holds no triangles{told}{'; ' if raw.notes else ''}{'; '.join(raw.notes)}")
     number = 0
     for block in raw.cells:
         bad = np.flatnonzero(((block.nodes < 0) | (block.nodes >= len(raw.points))).any(axis=1))
@@ -192,10 +197,12 @@ def _of_kind(raw: RawMesh, kind: str) -> tuple[Ints, Ints]:
     return np.concatenate(nodes), np.concatenate(numbers)
 
 
-def _triangles(points: NDArray[np.float64], raw: RawMesh, notes: list[str]) -> tuple[Ints, Ints]:
+def _triangles(source: Source, points: NDArray[np.float64], raw: RawMesh, notes: list[str]) -> tuple[Ints, Ints]:
     """Triangles in the order of the file, quads as two, and the cell that each comes from.
 
     A quad that gives one corner twice in a row is how some programs write a triangle; it is one.
+
+    :raises InputError: a quad that crosses itself or is folded.
     """
     tri, tri_cell = _of_kind(raw, "triangle")
     quad, quad_cell = _of_kind(raw, "quad")
@@ -211,17 +218,54 @@ def _triangles(points: NDArray[np.float64], raw: RawMesh, notes: list[str]) -> t
     if len(quad):
         told = several(len(quad), "quadrilateral")
         notes.append(f"split {told} in two triangles each, along the shorter diagonal")
-    with np.errstate(over="ignore", invalid="ignore"):  # coordinates beyond all bounds are refused later
-        one = ((points[quad[:, 2]] - points[quad[:, 0]]) ** 2).sum(axis=1)
-        other = ((points[quad[:, 3]] - points[quad[:, 1]]) ** 2).sum(axis=1)
-    # Squares have equal diagonals: round-off must not choose between them.
-    turn = other < one * (1.0 - 1e-12)
-    a, b, c, d = np.where(turn[:, None], np.roll(quad, -1, axis=1), quad).T
+    a, b, c, d = np.where(
+        _turned(source, points, quad, quad_cell, raw, notes)[:, None], np.roll(quad, -1, axis=1), quad
+    ).T
     halves = np.stack((np.column_stack((a, b, c)), np.column_stack((a, c, d))), axis=1).reshape(-1, 3)
     every = np.concatenate((tri, halves))
     cell = np.concatenate((tri_cell, np.repeat(quad_cell, 2)))
     order = np.argsort(cell, kind="stable")
     return every[order], cell[order]
+
+
+def _turned(
+    source: Source, points: NDArray[np.float64], quad: Ints, quad_cell: Ints, raw: RawMesh, notes: list[str]
+) -> NDArray[np.bool_]:
+    """Whether each quad is divided from its second corner to its fourth: along the shorter diagonal, unless that lies outside.
+
+    A diagonal outside a quad, beside a corner that points inwards, gives halves that face opposite ways and overlap.
+
+    :raises InputError: both diagonals do.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # coordinates beyond all bounds are refused later
+        one = ((points[quad[:, 2]] - points[quad[:, 0]]) ** 2).sum(axis=1)
+        other = ((points[quad[:, 3]] - points[quad[:, 1]]) ** 2).sum(axis=1)
+        folded = [_folded(points, quad), _folded(points, np.roll(quad, -1, axis=1))]
+    both = np.flatnonzero(folded[0] & folded[1])
+    if both.size:
+        cell = int(quad_cell[both[0]])
+        name = raw.cell_name(cell) if raw.cell_name else f"cell {cell}"
+        raise source.fault(
+            f"{name} is a quadrilateral that crosses itself, is folded or has no area; {both.size} such in all: "
+            "its corners must go around it"
+        )
+    # Squares have equal diagonals: round-off must not choose between them.
+    shorter = other < one * (1.0 - _ROUND_OFF)
+    turn = np.where(folded[0] | folded[1], folded[0], shorter)
+    outside = int((turn != shorter).sum())
+    if outside:
+        notes.append(
+            f"of these {outside} along the longer diagonal: the shorter one lies outside, beside a corner that points inwards"
+        )
+    return turn
+
+
+def _folded(points: NDArray[np.float64], quad: Ints) -> NDArray[np.bool_]:
+    """Whether the halves of each quad on the two sides of its first diagonal face opposite ways, or one of them has no area."""
+    a, b, c, d = points[quad].transpose(1, 0, 2)
+    one, other = np.cross(b - a, c - a), np.cross(c - a, d - a)
+    largest = np.maximum((one**2).sum(axis=1), (other**2).sum(axis=1))
+    return np.asarray((one * other).sum(axis=1) <= _ROUND_OFF * largest)
 
 
 def _groups(
@@ -245,6 +289,8 @@ def _groups(
         of_points = vertex_number[group.members][vertex_number[group.members] >= 0]
         for held, members in ((tri_groups, elements), (line_groups, of_lines)):
             if members.size:
+                if group.name in held and not np.array_equal(held[group.name], members):
+                    notes.append(f"several groups are named '{group.name}': they are joined")
                 held[group.name] = sorted_unique(np.concatenate((held.get(group.name, members[:0]), members)))
         nodes = sorted_unique(
             np.concatenate([triangles[elements].ravel(), lines[of_lines].ravel(), vertices[of_points].ravel()])

@@ -9,7 +9,26 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from taichi_membrane.mesh.formats.raw import CellKind, RawMesh
-from taichi_membrane.mesh.formats.source import Source, listed, shown
+from taichi_membrane.mesh.formats.source import Source, listed, several, shown
+
+# What $INSUNITS says one unit is.
+_UNITS = {
+    1: "inch",
+    2: "foot",
+    4: "millimetre",
+    5: "centimetre",
+    6: "metre",
+    7: "kilometre",
+    10: "yard",
+    14: "decimetre",
+}
+
+
+# Entities with an area that are not read: left out, the drawing would lack a part.
+_NO_FACES = (
+    "MESH", "REGION", "3DSOLID", "BODY", "SURFACE", "PLANESURFACE", "LOFTEDSURFACE", "EXTRUDEDSURFACE", "REVOLVEDSURFACE",
+    "SWEPTSURFACE", "NURBSURFACE", "ACAD_PROXY_ENTITY",
+)  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -34,9 +53,13 @@ def _pairs(source: Source) -> Iterator[tuple[int, str, int]]:
 
 def _entities(source: Source) -> Iterator[tuple[str, _Entity]]:
     """All entities with the section they stand in."""
-    section, own = "", None
+    section, own, variable = "", None, ""
     ended = False
     for code, value, line in _pairs(source):
+        if code == 9:
+            variable = value.upper()
+        elif code == 70 and variable == "$INSUNITS":
+            yield "HEADER", _Entity(variable, line, {70: value})
         if code != 0:
             if own is not None:
                 own.values.setdefault(code, value)
@@ -64,11 +87,24 @@ class _Drawing:
     block: str = ""
     polyline: _Entity | None = None
     vertices: list[_Entity] = field(default_factory=list)
+    paper: int = 0
+    unit: str = ""
+    hidden: int = 0
+    hidden_layers: list[str] = field(default_factory=list)
 
     def take(self, section: str, own: _Entity) -> None:
         """Act on one entity."""
         if section == "BLOCKS":
             self._in_block(own)
+        elif section == "HEADER" and own.name == "$INSUNITS":
+            self.unit = _UNITS.get(self._flag(own), "")
+        elif section == "ENTITIES" and own.name not in ("VERTEX", "SEQEND") and own.values.get(67) == "1":
+            self.paper += 1  # drawn on a sheet of paper, not in the model
+        elif section == "ENTITIES" and own.name not in ("VERTEX", "SEQEND") and own.values.get(60) == "1":
+            self.hidden += 1
+        elif section == "TABLES" and own.name == "LAYER" and 2 in own.values:
+            if self._flag(own) & 1 or own.values.get(62, "").startswith("-"):
+                self.hidden_layers.append(own.values[2])
         elif section == "ENTITIES":
             self._in_drawing(own)
 
@@ -76,7 +112,7 @@ class _Drawing:
         if own.name == "BLOCK":
             self.block = own.values.get(2, "")
             self.blocks[self.block] = False
-        elif own.name in ("3DFACE", "LINE", "POLYLINE", "MESH", "INSERT"):
+        elif own.name in ("3DFACE", "LINE", "POLYLINE", "INSERT", *_NO_FACES):
             self.blocks[self.block] = True
 
     def _in_drawing(self, own: _Entity) -> None:
@@ -95,8 +131,9 @@ class _Drawing:
                 self.polyline, self.vertices = own, []
             case "VERTEX":
                 self.vertices.append(own)
-            case "SEQEND" if self.polyline is not None:
-                self._polyline(self.polyline, self.vertices)
+            case "SEQEND":
+                if self.polyline is not None:  # else it ends one that is not shown, or the attributes of a block
+                    self._polyline(self.polyline, self.vertices)
                 self.polyline = None
             case "INSERT":
                 name = own.values.get(2, "")
@@ -104,16 +141,7 @@ class _Drawing:
                     told = f"the block {shown(name)} is inserted: explode blocks before saving"
                     raise source.fault(told, own.line)
                 self._leave_out(own)
-            case (
-                "MESH"
-                | "REGION"
-                | "3DSOLID"
-                | "BODY"
-                | "SURFACE"
-                | "PLANESURFACE"
-                | "LOFTEDSURFACE"
-                | "ACAD_PROXY_ENTITY"
-            ):
+            case name if name in _NO_FACES:
                 raise source.fault(f"{own.name} is not read: convert it to 3DFACE or a polyface mesh", own.line)
             case _:
                 self._leave_out(own)
@@ -169,7 +197,8 @@ class _Drawing:
             if not 2 <= len(numbers) <= 4 or max(numbers) > len(at):
                 told = f"a face of vertices {listed(numbers)} in a polyface mesh of {len(at)} vertices"
                 raise self.source.fault(told, vertex.line)
-            self._cell([at[number - 1] for number in numbers], own)
+            own_layer = vertex.values.get(8, "0") != "0"  # a face may lie in a layer other than its mesh's
+            self._cell([at[number - 1] for number in numbers], vertex if own_layer else own)
 
     def _polygon_mesh(self, own: _Entity, vertices: list[_Entity], flags: int) -> None:
         """A grid of M by N positions, closed in either direction where its flag says so."""
@@ -199,6 +228,15 @@ class _Drawing:
         raw.cell_name = lambda cell: f"{rows[cell][0]} {cell} (line {self.row_lines[cell]})"
         for layer, cells in self.layers.items():
             raw.group_cells(layer, cells)
+        if self.unit:
+            raw.notes.append(f"the drawing's unit is the {self.unit} ($INSUNITS); its numbers are taken as they stand")
+        shown_layers = [name for name in self.hidden_layers if name in self.layers]
+        if shown_layers:
+            raw.notes.append(f"layers that are off or frozen, read like others: {listed(shown_layers)}")
+        if self.hidden:
+            raw.notes.append(f"not carried over: {several(self.hidden, 'invisible entity', 'invisible entities')}")
+        if self.paper:
+            raw.notes.append(f"not carried over: {several(self.paper, 'entity', 'entities')} of paper space")
         if self.left_out:
             told = listed((f"{name} ({count}, first on line {at})" for name, (count, at) in self.left_out.items()), 12)
             raw.notes.append(f"not carried over: {told}")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from taichi_membrane.mesh.formats.dyna_words import Block, blocks
+from taichi_membrane.mesh.formats.dyna_words import Block, Card, blocks
 from taichi_membrane.mesh.formats.raw import SECOND_ORDER, SOLID, CellKind, RawMesh
-from taichi_membrane.mesh.formats.source import Numbering, Source, listed, shown
+from taichi_membrane.mesh.formats.source import Numbering, Source, listed, several, shown
 
 _SHELL_OPTIONS = ("THICKNESS", "BETA", "MCID", "OFFSET", "DOF")
 _LINES = ("BEAM", "SEATBELT")
@@ -17,7 +18,6 @@ _MOVES = (
     "NODE_TRANSFORM",
     "NODE_SCALAR",
     "NODE_MERGE_SET",
-    "DEFINE_TRANSFORMATION",
     "INCLUDE_TRANSFORM",
     "NODE_RIGID_SURFACE",
 )
@@ -47,12 +47,17 @@ class _Model:
     sets: dict[tuple[str, int], _Set] = field(default_factory=dict)
     left_out: dict[str, tuple[int, int]] = field(default_factory=dict)
     thickness: int = 0
+    held: int = 0
 
     def take(self, block: Block) -> None:
         """Act on one keyword with its cards."""
         name = block.name
         if name in _MOVES:
             raise block.source.fault(f"*{name} is not read: write the nodes where they are", block.line)
+        if name.startswith("INCLUDE_"):
+            raise block.source.fault(
+                f"*{name} is not read: only *INCLUDE is; write what it brings into one file", block.line
+            )
         if name == "NODE":
             self._nodes(block)
         elif name.startswith("ELEMENT_SHELL"):
@@ -79,6 +84,7 @@ class _Model:
             words = card.fields((8, 16, 16, 16, 8, 8))
             label = card.whole(words, 0, "a node number")
             x, y, z = (card.real(words, k) for k in (1, 2, 3))
+            self.held += any(word.strip("0. ") for word in words[4:6])
             if self.place.setdefault(label, (x, y, z)) != (x, y, z):
                 raise card.source.fault(f"node {label} is defined before, at another place", card.line)
 
@@ -89,11 +95,9 @@ class _Model:
             raise block.source.fault(f"*{block.name}: the option {unknown[0]} is not read", block.line)
         after = 1 if {"THICKNESS", "BETA", "MCID"} & set(options) else 0
         after += ("OFFSET" in options) + ("DOF" in options)
-        step = 1 + after
-        if len(block.cards) % step:
-            raise block.source.fault(f"*{block.name}: {len(block.cards)} cards, each shell has {step}", block.line)
-        self.thickness += len(block.cards) // step if after else 0
-        for card in block.cards[::step]:
+        cards = _firsts(block, 1 + after, "shell")
+        self.thickness += len(cards) if after else 0
+        for card in cards:
             words = card.fields((8,) * 10)
             numbers = [card.whole(words, k, "a number of a shell", 0) for k in range(10)]
             if any(numbers[6:]):
@@ -109,10 +113,7 @@ class _Model:
         unknown = [option for option in options if option not in _LINE_OPTIONS]
         if unknown:
             raise block.source.fault(f"*{block.name}: the option {unknown[0]} is not read", block.line)
-        step = 1 + len(options)
-        if len(block.cards) % step:
-            raise block.source.fault(f"*{block.name}: {len(block.cards)} cards, each element has {step}", block.line)
-        for card in block.cards[::step]:
+        for card in _firsts(block, 1 + len(options), "element"):
             words = card.fields((8,) * 5)
             numbers = [card.whole(words, k, "a number of a line element") for k in range(4)]
             self._element("beam", numbers[0], "line", numbers[2:4], numbers[1], card.source, card.line)
@@ -126,10 +127,17 @@ class _Model:
 
     def _parts(self, block: Block) -> None:
         """A title, then the numbers of part, section and material; some kinds of part add cards."""
-        step = {"PART": 2, "PART_CONTACT": 3, "PART_INERTIA": 6}[block.name]
-        for at in range(0, len(block.cards) - 1, step):
-            card = block.cards[at + 1]
-            self.titles[card.whole(card.fields((10,) * 8), 0, "a part's number")] = block.cards[at].text.strip()
+        at, cards = 0, block.cards
+        while at + 1 < len(cards):
+            card = cards[at + 1]
+            number = card.whole(card.fields((10,) * 8), 0, "a part's number")
+            if number in self.titles:
+                raise card.source.fault(f"part {number} is defined before", card.line)
+            self.titles[number] = cards[at].text.strip()
+            at += {"PART": 2, "PART_CONTACT": 3, "PART_INERTIA": 5}[block.name]
+            if block.name == "PART_INERTIA" and at - 3 < len(cards):  # a local system of coordinates is a card more
+                head = cards[at - 3]
+                at += head.whole(head.fields((10,) * 8), 4, "IRCS", 0) == 1
 
     def _set(self, block: Block) -> None:
         words = block.name.split("_")
@@ -145,8 +153,7 @@ class _Model:
             raise block.source.fault(
                 f"*{block.name} is not read: only lists, LIST_GENERATE, GENERAL and ADD are", block.line
             )
-        name = title or f"set_{kind.lower()}_{number}"
-        own = self.sets.setdefault((kind, number), _Set(kind, name, block.line, block.source))
+        own = self.sets.setdefault((kind, number), _Set(kind, title, block.line, block.source))
         for card in cards:
             fields = card.fields((10,) * 8)
             if "GENERAL" in options:
@@ -181,12 +188,23 @@ class _Model:
         labels = list(self.elements)
         raw.cell_name = lambda cell: f"{' '.join(map(str, labels[cell]))} (line {self.elements[labels[cell]][4]})"
         part_of = np.array([item[2] for item in self.elements.values()], dtype=np.int64)
+        # A title that several things have names none of them; they go by their numbers.
+        titles = Counter([*self.titles.values(), *(own.name for own in self.sets.values())])
         for part in np.unique(part_of).tolist():
             raw.group_cells(f"part_{part}", np.flatnonzero(part_of == part))
             title = self.titles.get(part, "")
-            if title and sum(other == title for other in self.titles.values()) == 1:
+            if title and titles[title] == 1:
                 raw.group_cells(title, np.flatnonzero(part_of == part))
+        for (of_what, number), own in self.sets.items():
+            if not own.name or titles[own.name] > 1:
+                own.name = f"set_{of_what.lower()}_{number}"
+        several_named = [title for title, count in titles.items() if title and count > 1]
+        if several_named:
+            told = listed(map(shown, several_named))
+            raw.notes.append(f"titles of several parts or sets, which go by their numbers alone: {told}")
         self._name_sets(raw, nodes, part_of)
+        if self.held:
+            raw.notes.append(f"not carried over: the constraints of {several(self.held, 'node')}")
         if self.thickness:
             raw.notes.append(f"not carried over: thickness, angle or offset of {self.thickness} shells")
         if self.left_out:
@@ -211,9 +229,9 @@ class _Model:
     ) -> np.ndarray:
         numbers = np.array(own.members, dtype=np.int64)
         if own.kind == "PART":
-            return np.flatnonzero(
-                np.isin(part_of, [*own.members, *(n for a, b in own.ranges for n in _between(part_of, a, b))])
-            )
+            parts = [*own.members, *own.parts, *(n for a, b in own.ranges for n in _between(part_of, a, b))]
+            held = [np.flatnonzero(np.isin(part_of, parts))]
+            return np.concatenate(held + self._added(own, nodes, cells, part_of, open_sets))
         numbering = nodes if own.kind == "NODE" else cells[own.kind]
         at = numbering.find(numbers)
         if (at < 0).any():
@@ -226,13 +244,33 @@ class _Model:
             held += [nodes.find(np.array(elements[cell][1], dtype=np.int64)) for cell in in_parts.tolist()]
         else:
             held.append(in_parts)
+        return np.concatenate(held + self._added(own, nodes, cells, part_of, open_sets))
+
+    def _added(
+        self, own: _Set, nodes: Numbering, cells: dict[str, Numbering], part_of: np.ndarray, open_sets: list[int]
+    ) -> list[np.ndarray]:
+        """Members of the sets that a set adds."""
+        held = []
         for number in own.sets:
             other = self.sets.get((own.kind, number))
             if other is None or number in open_sets:
                 told = "which holds itself" if other is not None else "which is not defined"
                 raise own.source.fault(f"the set {shown(own.name)} adds set {number}, {told}", own.line)
             held.append(self._members(other, nodes, cells, part_of, [*open_sets, number]))
-        return np.concatenate(held)
+        return held
+
+
+def _firsts(block: Block, step: int, what: str) -> list[Card]:
+    """The first card of each element of a block; blank lines at its end are none.
+
+    :raises InputError: the number of cards is no multiple of those of an element.
+    """
+    cards = list(block.cards)
+    while len(cards) % step and not cards[-1].text:
+        cards.pop()
+    if len(cards) % step:
+        raise block.source.fault(f"*{block.name}: {len(cards)} cards, each {what} has {step}", block.line)
+    return cards[::step]
 
 
 def _between(numbers: np.ndarray, first: int, last: int) -> list[int]:

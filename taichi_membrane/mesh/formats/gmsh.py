@@ -145,6 +145,11 @@ def _elements_new(words: Words, content: _Content) -> None:
         physical = content.physical.get((dimension, tag), [])
         if kind != "vertex" and physical and max(physical) < 0:  # all its groups have it the other way round
             nodes = nodes[:, ::-1]
+        if physical and min(physical) < 0 < max(physical):
+            both = ", ".join(map(str, physical))
+            content.notes.append(
+                f"the physical groups {both} of entity {tag} have its elements in both orientations: kept as its own"
+            )
         groups = np.tile(np.array(physical, dtype=np.int64), (count, 1))
         content.blocks.append((kind, nodes, groups, []))
     held = sum(len(nodes) for _, nodes, _, _ in content.blocks)

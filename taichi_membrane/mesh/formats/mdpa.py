@@ -52,7 +52,9 @@ class _Reader:
             if not rest:
                 raise self.source.fault("a SubModelPart has no name", line)
             self.stack.append(self.parts.setdefault(name, _Part(name)))
-        elif kind in ("Conditions", "Geometries") or (kind in _SKIPPED and kind != "ModelPartData"):
+        elif kind in ("Conditions", "Geometries", "SubModelPartConditions", "SubModelPartGeometries") or (
+            kind in _SKIPPED and kind != "ModelPartData"
+        ):
             self.left_out.setdefault(f"{kind} {rest}".strip(), line)
         elif kind == "Elements" and not _COUNTED.search(rest):
             told = f"the type of elements {shown(rest)} tells no number of nodes, as MembraneElement3D3N does"
@@ -105,7 +107,7 @@ class _Reader:
         if count not in kinds:
             told = SECOND_ORDER if count in (6, 9) and _SURFACE.search(name) else SOLID
             raise self.source.fault(f"elements {shown(name)} of {count} nodes: {told}", line)
-        if count == 4 and not _SURFACE.search(name):
+        if count == 4 and match[2] == "3" and not _SURFACE.search(name):
             raise self.source.fault(f"elements {shown(name)} of 4 nodes may be tetrahedra: {SOLID}", line)
         if numbers[0] in self.elements:
             raise self.source.fault(f"element {numbers[0]} stands on line {self.elements[numbers[0]][3]} already", line)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_membrane.mesh.formats.nastran_cards import Card, cards
+from taichi_membrane.mesh.formats.nastran_cards import Card, cards, control_sets
 from taichi_membrane.mesh.formats.raw import SECOND_ORDER, SOLID, CellKind, RawMesh
 from taichi_membrane.mesh.formats.source import Numbering, Source, listed, several, shown
 from taichi_membrane.mesh.precision import resolution
@@ -42,13 +42,11 @@ _NO_ELEMENTS = (
     "CHBDYE",
     "CHBDYG",
 )
-_SILENT = ("PARAM", "MDLPRM", "EIGRL", "EIGR", "SPC1", "EIGC")
-_OFFSETS = {
-    "CTRIA3": (6, 7),
-    "CTRIAR": (6, 0),
-    "CQUAD4": (7, 8),
-    "CQUADR": (7, 0),
-}  # fields of material angle and offset
+_PROPERTIES = ("PSHELL", "PCOMP", "PCOMPG", "PROD", "PTUBE", "PBAR", "PBARL", "PBEAM", "PBEAML")
+_SILENT = ("PARAM", "MDLPRM", "EIGRL", "EIGR", "EIGC")
+# Fields of material angle and offset, and those of the thickness at the corners.
+_OFFSETS = {"CTRIA3": (6, 7), "CTRIAR": (6, 7), "CQUAD4": (7, 8), "CQUADR": (7, 8)}
+_THICKNESS = {"CTRIA3": (11, 12, 13), "CTRIAR": (11, 12, 13), "CQUAD4": (11, 12, 13, 14), "CQUADR": (11, 12, 13, 14)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +134,10 @@ class _Deck:
     turned: int = 0
     shifted: int = 0
     thick: int = 0
+    thick_corners: int = 0
+    held: int = 0
+    properties: set[int] = field(default_factory=set)
+    unnamed: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.systems = _Systems(self.grids)
@@ -161,7 +163,11 @@ class _Deck:
                 self.systems.by_nodes[number] = (card, (nodes[0], nodes[1], nodes[2]))
         elif name in _ELEMENTS:
             self._element(card)
-        elif name == "PSHELL":
+        elif name in _PROPERTIES:
+            self.properties.add(card.whole(1, "the property"))
+            if name != "PSHELL":
+                self._leave_out(card)
+                return
             self.thick += bool(card.word(3))
             if card.word(2):
                 self.materials[card.whole(1, "the property")] = card.whole(2, "the material")
@@ -175,8 +181,11 @@ class _Deck:
             )
             raise card.source.fault(told, card.line)
         elif name not in _SILENT:
-            count, line = self.left_out.get(name, (0, card.line))
-            self.left_out[name] = (count + 1, line)
+            self._leave_out(card)
+
+    def _leave_out(self, card: Card) -> None:
+        count, line = self.left_out.get(card.name, (0, card.line))
+        self.left_out[card.name] = (count + 1, line)
 
     def _new_system(self, number: int, card: Card) -> None:
         if number < 1 or number in self.systems.by_points or number in self.systems.by_nodes:
@@ -192,6 +201,7 @@ class _Deck:
             (card.real(3, _A, 0.0), card.real(4, _A, 0.0), card.real(5, _A, 0.0)),
             card,
         )
+        self.held += card.word(7) not in ("", "0")
         before = self.grids.setdefault(number, own)
         if (before.system, before.numbers) != (own.system, own.numbers):
             raise card.source.fault(
@@ -210,12 +220,16 @@ class _Deck:
         nodes = [card.whole(first + k, f"grid point {k + 1}") for k in range(count)]
         self.elements[number] = (card, kind, nodes)
         if at_property:
-            # The property of an element that names none is the one of the element's own number.
-            self.property_of[number] = f"pid_{card.whole(at_property, 'the property', number)}"
+            # The property of an element that names none is the one of the element's own number; there may be none.
+            pid = card.whole(at_property, "the property", number)
+            self.property_of[number] = f"pid_{pid}"
+            if not card.word(at_property):
+                self.unnamed[number] = pid
         if card.name in _OFFSETS:
-            angle, offset = (card.word(at) if at else "" for at in _OFFSETS[card.name])
-            self.turned += angle not in ("", "0.0", "0.", "0", ".0")
-            self.shifted += offset not in ("", "0.0", "0.", "0", ".0")
+            angle, offset = (card.word(at).strip("0.") for at in _OFFSETS[card.name])
+            self.turned += angle != ""
+            self.shifted += offset != ""
+            self.thick_corners += any(card.word(at) for at in _THICKNESS[card.name])
 
     def finish(self) -> RawMesh:
         """All that was read, as one mesh."""
@@ -245,14 +259,18 @@ class _Deck:
     def _digits(self) -> float:
         """Last digit of the coordinates [length]; angles of curved systems count at their radius."""
         numbers = np.array([grid.numbers for grid in self.grids.values()])
-        curved = np.array([self.systems.known.get(grid.system, ("R",))[0] != "R" for grid in self.grids.values()])
-        digits = [resolution(numbers[~curved])] if (~curved).any() else []
-        if curved.any():
-            digits += [resolution(numbers[curved][:, :1])]
-            digits += [resolution(numbers[curved][:, 1:2]) * np.pi / 180.0 * float(np.abs(numbers[curved][:, 0]).max())]
+        shapes = np.array([self.systems.known.get(grid.system, ("R",))[0] for grid in self.grids.values()])
+        digits = []
+        for shape, lengths, angles in (("R", [0, 1, 2], []), ("C", [0, 2], [1]), ("S", [0], [1, 2])):
+            own = numbers[shapes == shape]
+            if len(own):
+                radius = float(np.abs(own[:, 0]).max())
+                digits += [resolution(own[:, lengths]), np.radians(resolution(own[:, angles])) * radius]
         return float(max(digits))
 
     def _groups(self, raw: RawMesh, elements: list[int]) -> None:
+        for number in [number for number, pid in self.unnamed.items() if pid not in self.properties]:
+            del self.property_of[number]
         cells: dict[str, list[int]] = {}
         for cell, number in enumerate(elements):
             name = self.property_of.get(number)
@@ -276,6 +294,13 @@ class _Deck:
             raw.notes.append(f"not carried over: the material angle of {self.turned} elements")
         if self.shifted:
             raw.notes.append(f"not carried over: the offset of {self.shifted} elements from their grid points")
+        if self.thick_corners:
+            raw.notes.append(f"not carried over: the thickness at the corners of {self.thick_corners} elements")
+        if self.held:
+            raw.notes.append(f"not carried over: the constraints (PS) of {several(self.held, 'grid point')}")
+        sets, line = control_sets(self.source)
+        if sets:
+            raw.notes.append(f"not carried over: SET of the case control ({sets}, first on line {line})")
         if self.left_out:
             told = listed((f"{name} ({count}, first on line {at})" for name, (count, at) in self.left_out.items()), 12)
             raw.notes.append(f"not carried over: {told}")

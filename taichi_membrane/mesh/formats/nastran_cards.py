@@ -39,6 +39,13 @@ class Card:
         return self.source.real(word, self.line, f"{self.name}: {what}")
 
 
+def control_sets(source: Source) -> tuple[int, int]:
+    """Number of SET commands before BEGIN BULK, and the line of the first of them."""
+    lines = [text.partition("$")[0].upper() for text in source.lines[: _begin(source)]]
+    found = [line for line, text in enumerate(lines, 1) if re.match(r"\s*SET\s+\d+\s*=", text)]
+    return len(found), found[0] if found else 0
+
+
 def cards(source: Source) -> Iterator[Card]:
     """All cards of the bulk data in order, those of included files at their places; ENDDATA ends the file.
 

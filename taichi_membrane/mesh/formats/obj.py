@@ -20,6 +20,7 @@ _IGNORED = frozenset(
     ("vn", "vt", "s", "mtllib", "maplib", "usemap", "lod", "shadow_obj", "trace_obj", "mg", "bevel", "c_interp", "d_interp",
      "ctech", "stech")
 )  # fmt: skip
+_COMMENT = re.compile(r"(^|\s)#.*")  # inside a word the sign belongs to it: names such as Material#2
 _KINDS: dict[int, CellKind] = {3: "triangle", 4: "quad"}
 _PREFIX = {"g": "group", "o": "object", "usemtl": "material"}
 
@@ -126,10 +127,10 @@ def read(source: Source) -> RawMesh:
     reader = _Reader(source)
     number, lines = 0, source.lines
     while number < len(lines):
-        line, text = number + 1, lines[number].partition("#")[0]
+        line, text = number + 1, _COMMENT.sub("", lines[number])
         while text.rstrip().endswith("\\") and line + 1 <= len(lines) and number + 1 < len(lines):
             number += 1
-            text = text.rstrip()[:-1] + " " + lines[number].partition("#")[0]
+            text = text.rstrip()[:-1] + " " + _COMMENT.sub("", lines[number])
         number += 1
         words = re.split(r"\s+", text.strip())
         if words[0]:

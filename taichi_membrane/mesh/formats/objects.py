@@ -22,6 +22,7 @@ _SHORT = {
     "flac3d:group": "group",
     "avsucd:material": "material",
     "nastran:ref": "pid",
+    "netgen:index": "index",
 }
 
 

@@ -84,6 +84,8 @@ def _mesh(
     few = sum(len(nodes) < 3 for _, nodes in rows)
     if few:
         raw.notes.append(f"{several(few, 'face')} of one or two corners are points or lines, no triangles")
+    if extra or any(len(words) > 3 for words, _ in vertices):
+        raw.notes.append("not carried over: normals, colours or texture of the vertices")
     if colours:
         raw.notes.append(f"not carried over: the colour of {several(colours, 'face')}")
     return raw

@@ -182,6 +182,7 @@ def read(source: Source) -> RawMesh:
             raise source.fault("edges need vertex1 and vertex2")
         raw.add_cells("line", np.column_stack(ends))
     left_out = [name for name, count in counts.items() if name not in ("vertex", "face", "edge") and count]
+    left_out += [f"'{name}' of vertices" for name in vertex if name not in ("x", "y", "z") and counts["vertex"]]
     if left_out:
         raw.notes.append(f"not carried over: {', '.join(left_out)}")
     return raw
@@ -203,12 +204,17 @@ def _faces(source: Source, raw: RawMesh, face: dict[str, Any], count: int) -> No
                 f"face {bad} has {several(len(corners[bad]), 'corner')}, 3 or 4 are read: triangulate the mesh"
             )
         raw.add_rows((_KINDS[len(nodes)], [int(node) for node in nodes]) for nodes in corners)
+    left_out = []
     for key, values in face.items():
-        if key != name and isinstance(values, np.ndarray) and values.ndim == 1 and not _NO_GROUPS.fullmatch(key):
-            if values.dtype.kind in "iu":
-                raw.group_by_value(key, values, np.arange(count))
-            else:
-                raw.notes.append(f"not carried over: '{key}' of faces")
+        if key == name:
+            continue
+        one_each = isinstance(values, np.ndarray) and values.ndim == 1
+        if one_each and values.dtype.kind in "iu" and not _NO_GROUPS.fullmatch(key):
+            raw.group_by_value(key, values, np.arange(count))
+        else:
+            left_out.append(f"'{key}' of faces")
+    if left_out:
+        raw.notes.append(f"not carried over: {', '.join(left_out)}")
 
 
 def _header(source: Source) -> tuple[list[_Element], _Body]:

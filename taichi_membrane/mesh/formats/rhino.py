@@ -25,6 +25,7 @@ def read(source: Source) -> RawMesh:
     points: list[list[float]] = []
     rows: list[tuple[CellKind, list[int]]] = []
     groups: dict[str, list[int]] = {}
+    layer_names = set(layers.values())
     left_out: dict[str, int] = {}
     for item in model.Objects:
         geometry, attributes = item.Geometry, item.Attributes
@@ -32,7 +33,8 @@ def read(source: Source) -> RawMesh:
         if kind == "Mesh":
             first = len(rows)
             _add(geometry, points, rows)
-            for name in (layers.get(attributes.LayerIndex, ""), attributes.Name):
+            own = f"object_{attributes.Name}" if attributes.Name in layer_names else attributes.Name
+            for name in (layers.get(attributes.LayerIndex, ""), own):
                 if name:
                     groups.setdefault(name, []).extend(range(first, len(rows)))
         elif kind in ("Brep", "Extrusion", "Surface", "SubD", "InstanceReference"):
@@ -45,6 +47,8 @@ def read(source: Source) -> RawMesh:
     raw.add_rows(rows)
     for name, members in groups.items():
         raw.group_cells(name, members)
+    unit = str(model.Settings.ModelUnitSystem).rpartition(".")[2]
+    raw.notes.append(f"the model's unit is {unit}; its numbers are taken as they stand")
     if left_out:
         raw.notes.append(f"not carried over: {listed(f'{name} ({count})' for name, count in left_out.items())}")
     return raw

@@ -65,6 +65,7 @@ def _text(source: Source) -> RawMesh:
     points: list[tuple[float, float, float]] = []
     normals: list[tuple[float, float, float]] = []
     solids: list[tuple[str, int]] = []
+    facet_lines: list[int] = []
     state = "outside"  # then solid, facet, loop
     first = 0
     for line, text in enumerate(source.lines, 1):
@@ -86,7 +87,8 @@ def _text(source: Source) -> RawMesh:
                 solids.append((" ".join(text.split(None, 1)[1:]).strip(), len(points) // 3))
             case "facet":
                 state, first = "facet", len(points)
-                normals.append(_three(source, words[2:], line) if len(words) >= 5 else (0.0, 0.0, 0.0))
+                facet_lines.append(line)
+                normals.append(_normal(words[2:]))
             case "outer":
                 if len(points) > first:
                     raise source.fault("the facet has a second loop", line)
@@ -106,12 +108,22 @@ def _text(source: Source) -> RawMesh:
     if state != "outside":
         raise source.fault(f"the file ends in the middle of {_inside(state)}: it is cut off")
     raw = _soup(np.array(points, dtype=np.float64).reshape(-1, 3), np.array(normals, dtype=np.float64).reshape(-1, 3))
+    raw.cell_name = lambda cell: f"facet {cell} (line {facet_lines[cell]})"
     _name_solids(raw, solids, len(points) // 3)
     return raw
 
 
 def _inside(state: str) -> str:
     return {"outside": "no solid", "solid": "a solid", "facet": "a facet", "loop": "a loop"}[state]
+
+
+def _normal(words: list[str]) -> tuple[float, float, float]:
+    """A stored normal, which is compared and no more: zero where it is none, such as the "-nan(ind)" of facets without area."""
+    try:
+        x, y, z = map(float, words)
+    except ValueError:
+        return 0.0, 0.0, 0.0
+    return x, y, z
 
 
 def _three(source: Source, words: list[str], line: int) -> tuple[float, float, float]:

@@ -102,6 +102,12 @@ def name_groups(
     group for each value.
     """
     left_out = []
+    ghosts = [values for name, values in cell_data.items() if name in ("vtkGhostType", "vtkGhostLevels")]
+    ghost_count = sum(int((values != 0).sum()) for values in ghosts)
+    if ghost_count:
+        raw.notes.append(
+            f"{several(ghost_count, 'cell')} of {len(origin)} marked as ghosts (vtkGhostType): read like others"
+        )
     for name, values in cell_data.items():
         if name.startswith((GROUP, LINES)) and values.ndim == 1:
             own = unquote(name.partition(":")[2])

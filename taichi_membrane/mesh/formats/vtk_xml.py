@@ -168,8 +168,8 @@ def read(source: Source) -> RawMesh:
     nodes_before = cells_before = 0
     for piece in pieces:
         own, count, cells = _piece(file, raw, piece, kind, nodes_before)
-        point_data.append(_arrays(file, piece.find("PointData"), len(own)))
-        cell_data.append(_arrays(file, piece.find("CellData"), count))
+        point_data.append(_arrays(file, raw, piece.find("PointData"), len(own)))
+        cell_data.append(_arrays(file, raw, piece.find("CellData"), count))
         points.append(own)
         origin.append(cells_before + cells)
         nodes_before, cells_before = nodes_before + len(own), cells_before + count
@@ -209,7 +209,7 @@ def _parsed(source: Source) -> _File:
     return _File(source, root, appended, is_raw)
 
 
-def _arrays(file: _File, parent: ElementTree.Element | None, length: int) -> dict[str, NDArray[Any]]:
+def _arrays(file: _File, raw: RawMesh, parent: ElementTree.Element | None, length: int) -> dict[str, NDArray[Any]]:
     """Named arrays of numbers; each must have a value for every point or cell."""
     found: dict[str, NDArray[Any]] = {}
     for item in () if parent is None else parent:
@@ -220,6 +220,8 @@ def _arrays(file: _File, parent: ElementTree.Element | None, length: int) -> dic
                 raise file.source.fault(
                     f"the array {shown(name)} has {several(len(found[name]), 'value')}, {length} are needed"
                 )
+        elif item.tag == "Array":
+            raw.notes.append(f"not carried over: the array {shown(name)} of type {shown(item.get('type', ''))}")
     return found
 
 

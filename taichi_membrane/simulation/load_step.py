@@ -1,0 +1,347 @@
+"""One load step: from a stable equilibrium to the next one, each part of the way verified; along the path where load control fails.
+
+The states are few: ``_walk`` raises the load and compares ends, ``_follow`` goes by arc length from where that shows a jump or
+finds nothing, ``_beyond`` looks behind a limit or a bifurcation, ``_relaxed`` lets relaxation try last, ``_direct`` is for starts
+that nothing can be compared with. Each transition is a passage of the trace.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.policy import POLICY, Event, Passage, Policy, Trace
+from taichi_membrane.simulation.way import Rest, Way
+from taichi_membrane.solvers.path import Path, PathEnd, PathPoint, follow
+from taichi_membrane.solvers.record import Progress, SolveRecord, joined
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from taichi_membrane.simulation.equilibrium import Equilibrium
+
+    Report = Callable[[Progress], None] | None
+
+# Cosine of the angle between ways of one course: rounding of load values leaves 1e-16, a user's digits less than 1e-9.
+_PARALLEL = 1.0 - 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """What a step from one load state towards another came to.
+
+    :param reached: share of the step at which the membrane now is in equilibrium; 1 when the step is done.
+    :param limit: shares of the step that bracket the largest stable load, where the path has a limit.
+    :param trouble: where no equilibrium was found, what was worst in the last state that was tried.
+    :param trace: what the step went through, at shares of it.
+    """
+
+    record: SolveRecord
+    reached: float
+    limit: tuple[float, float] | None = None
+    trouble: str = ""
+    trace: Trace = ()
+
+
+@dataclass
+class Stiffest:
+    """The largest current stiffness met on a straight course so far, in units that do not depend on how it is cut into steps.
+
+    :param direction: unit vector of the change of all load values; another direction is another course.
+    """
+
+    direction: Floats | None = None
+    value: float = 0.0
+
+    def resume(self, change: Floats) -> None:
+        """Go on on the course of a run that was stopped, whose value is known."""
+        self.direction = change / (np.linalg.norm(change) or 1.0)
+
+    def take(self, way: Way, stiffness: float) -> float:
+        """Take a stiffness into account; its share of the stiffest of the course."""
+        change = way.before.change(way.after)
+        squared = float(change @ change)
+        direction = change / np.sqrt(squared)
+        if self.direction is None or float(direction @ self.direction) < _PARALLEL:
+            self.direction, self.value = direction, 0.0
+        now = abs(stiffness) * squared  # dλ/dP of a way twice as long is a quarter
+        self.value = max(self.value, now)
+        return now / self.value
+
+
+class LoadStep:
+    """One step of the load from ``before`` to ``after``.
+
+    :param stiffest: of the course that the step is on; kept up.
+    :param snaps: whether a jump to a stable state beyond a limit is taken, rather than the limit told as the result.
+    """
+
+    def __init__(
+        self,
+        equilibrium: Equilibrium,
+        before: LoadState,
+        after: LoadState,
+        stiffest: Stiffest,
+        *,
+        snaps: bool,
+        report: Report,
+        policy: Policy = POLICY,
+    ) -> None:
+        assert equilibrium.newton is not None
+        self.equilibrium, self.newton, self.membrane = equilibrium, equilibrium.newton, equilibrium.membrane
+        self.stiffest, self.snaps, self.report, self.policy = stiffest, snaps, report, policy
+        self.way = Way(
+            self.newton, before, after, equilibrium.apply if before.motions != after.motions else equilibrium.press
+        )
+        self.start = self.membrane.displacement()
+        self.records: list[SolveRecord] = []
+        self.trace: list[Passage] = []
+
+    def run(self) -> Reached:
+        """Take the step. Where no equilibrium is found the membrane is back in the state it came from."""
+        self.way.press(0.0)
+        off = float(np.linalg.norm(self.newton.free_force()))
+        balanced = off <= self.policy.balance * self.equilibrium.tolerance * self.equilibrium.reference(self.way.after)
+        origin = self.way.rest(0.0) if balanced else None
+        if origin is None or not origin.stable or origin.stiffness is None:
+            return self._direct()
+        return self._walk(origin)
+
+    # ---- load control
+
+    def _direct(self) -> Reached:
+        """From a start that nothing can be compared with: what is found has to be stable, and that is all that is known."""
+        found = self._solve(1.0, relax=True)
+        if found is None:
+            return self._failed()
+        if found.negative:
+            return self._refuse(found)
+        self._pass("unverified start", 1.0)
+        return self._done(found)
+
+    def _walk(self, a: Rest) -> Reached:
+        """Raise the load part by part; the aims still ahead are a stack, those that were found too far away are kept."""
+        aims, known = [1.0], {}  # type: tuple[list[float], dict[float, Rest]]
+        while aims:
+            aim = aims[-1]
+            soft = not self.way.moves and self._softened(a)
+            b, kind = (None, "soft") if soft else self._attempt(a, aim, known.pop(aim, None))
+            if b is not None and kind == "curved" and aim - a.share > 2.0**-self.policy.parts:
+                self._pass("bisected", 0.5 * (a.share + aim))
+                known[aim] = b
+                aims.append(0.5 * (a.share + aim))
+            elif b is not None and (kind != "jump" or self.way.moves):
+                self._pass({"curved": "kink", "jump": "snap"}.get(kind, "load control"), aim)  # type: ignore[arg-type]
+                a = b
+                aims.pop()
+            else:
+                onward = self._follow(a, b) if not self.way.moves else None
+                if onward is None and b is None and kind == "failed":
+                    onward = self._relaxed(a)
+                if not isinstance(onward, Rest):
+                    return onward or self._failed()
+                a, aims, known = onward, [1.0] if onward.share < 1.0 else [], {}
+        return self._done(a)
+
+    def _attempt(self, a: Rest, aim: float, known: Rest | None) -> tuple[Rest | None, str]:
+        """A stable equilibrium at an aim and how it compares with the last one; none, and ``failed``, where Newton finds none."""
+        if known is not None and (kind := self._compare(a, known)) in ("consistent", "unknown"):
+            return known, kind
+        self.membrane.set_displacement(a.position)
+        b = self._solve(aim)
+        if b is None or b.negative:
+            return None, "failed"
+        kind = self._compare(a, b)
+        if kind == "jump" and self.way.moves and aim - a.share > 2.0**-self.policy.parts:
+            kind = "curved"  # no path to follow: find the jump as nearly as parts can be
+        return b, kind
+
+    def _solve(self, share: float, *, relax: bool = False) -> Rest | None:
+        """Equilibrium at a share of the way by load control, off unstable ones where there are stable ones beside."""
+        start = self.membrane.displacement()
+        state = self.way.at(share)
+        self.records.append(self.equilibrium.solve(state, self.report))
+        if not self.records[-1].converged and relax and self.equilibrium.kind == "hybrid":
+            self.membrane.set_displacement(start)
+            self.records.append(self.equilibrium.solve(state, self.report, relax=True))
+        if not self.records[-1].converged:
+            return None
+        found = self.way.rest(share)
+        return self._off(share) if found.negative else found
+
+    def _off(self, share: float) -> Rest | None:
+        """Where an unstable equilibrium's softest mode leads to; that equilibrium itself where it leads nowhere."""
+        self._pass("unstable", share)
+        unstable = self.membrane.displacement()
+        self.newton.disturb()
+        self.records.append(self.equilibrium.solve(self.way.at(share), self.report))
+        if not self.records[-1].converged:
+            self.membrane.set_displacement(unstable)
+        return self.way.rest(share)
+
+    # ---- along the path
+
+    def _follow(self, a: Rest, b: Rest | None) -> Rest | Reached | None:
+        """By arc length from a stable equilibrium: the aim, the limit before it, or a branch to go on from; None where it is lost.
+
+        :param b: where load control has led: no first step goes further.
+        """
+        self._pass("path", a.share)
+        path = self.equilibrium.path(self.way)
+        self.membrane.set_displacement(a.position)
+        begin = path.start(a.position, a.share)
+        if begin is None or begin.negative > 0:
+            return None
+        longest = np.inf if b is None else float(np.linalg.norm(b.position - a.position))
+        end = follow(
+            path,
+            begin,
+            1.0,
+            compare=self._smooth,
+            longest=longest or np.inf,
+            shortest=self.policy.shortest,
+            progress=self._progress,
+        )
+        self.records.append(walked(end))
+        if end.reason == "target":
+            return self._land(path, end)
+        if end.upper is None:
+            self._pass("lost", end.last.factor)
+            return None
+        self._pass("limit" if end.reason == "limit" else "bifurcation", end.last.factor)
+        return self._beyond(end) or self._collapsed(end)
+
+    def _land(self, path: Path, end: PathEnd) -> Rest | None:
+        """The equilibrium at the aim, between two points of the path; verified as any other."""
+        last, beyond = end.last, end.beyond
+        assert beyond is not None
+        for _ in range(self.policy.landings):
+            share = (1.0 - last.factor) / (beyond.factor - last.factor)
+            self.membrane.set_displacement(last.position + share * (beyond.position - last.position))
+            found = self._solve(1.0)
+            if found is not None and not found.negative and self._compare(self.way.of_point(last), found) != "jump":
+                self._pass("target", 1.0)
+                return found
+            nearer, _ = path.step(last, share * float(np.linalg.norm(beyond.advance)))
+            if nearer is None or nearer.negative > 0:
+                return None
+            if nearer.factor < 1.0:
+                last = nearer
+            else:
+                beyond = nearer
+        return None
+
+    def _beyond(self, end: PathEnd) -> Rest | None:
+        """A stable state just above where the path ends: on a branch that goes on smoothly, or, where asked, beyond a snap."""
+        if end.reason == "limit" and not self.snaps:
+            return None
+        assert end.beyond is not None
+        assert end.upper is not None
+        share = min(1.0, end.upper + self.policy.above)
+        bifurcates = end.reason == "bifurcation"
+        self.membrane.set_displacement((end.beyond if bifurcates else end.last).position)
+        if bifurcates:
+            self.newton.disturb()
+        found = self._solve(share)
+        if found is None or not found.stable:
+            return None
+        jumps = self._compare(self.way.of_point(end.last), found) == "jump"
+        if jumps and not self.snaps:
+            return None
+        if not jumps and self._branchings() >= self.policy.branches:
+            return None
+        self._pass("snap" if jumps else "branch", share)
+        return found
+
+    def _branchings(self) -> int:
+        return sum(one.event == "branch" for one in self.trace)
+
+    # ---- relaxation
+
+    def _relaxed(self, a: Rest) -> Rest | None:
+        """What relaxation finds at the aim, where Newton and the path found nothing; verified as any other."""
+        if self.equilibrium.kind != "hybrid":
+            return None
+        self.membrane.set_displacement(a.position)
+        self.records.append(self.equilibrium.solve(self.way.after, self.report, relax=True))
+        if not self.records[-1].converged:
+            return None
+        found = self.way.rest(1.0)
+        if found.negative or self._compare(a, found) not in ("consistent", "unknown"):
+            self._pass("refused", 1.0)
+            return None
+        self._pass("relaxed", 1.0)
+        return found
+
+    # ---- ends
+
+    def _done(self, found: Rest) -> Reached:
+        self.membrane.set_displacement(found.position)
+        self.way.press(1.0)
+        return Reached(joined(*self.records), 1.0, trace=tuple(self.trace))
+
+    def _collapsed(self, end: PathEnd) -> Reached:
+        """At the last stable point below a limit."""
+        assert end.upper is not None
+        self.membrane.set_displacement(end.last.position)
+        self.way.press(end.last.factor)
+        return Reached(
+            joined(*self.records, walked(end, again=True)),
+            end.last.factor,
+            (end.last.factor, end.upper),
+            trace=tuple(self.trace),
+        )
+
+    def _refuse(self, found: Rest) -> Reached:
+        """Back from an unstable equilibrium that nothing stable was found beside."""
+        self._pass("refused", found.share)
+        reason = f"the equilibrium found is unstable ({found.negative} negative pivots)"
+        self.records.append(SolveRecord(False, reason, 0, self.records[-1].residual, 0.0, "newton"))
+        return self._failed()
+
+    def _failed(self) -> Reached:
+        trouble = self.equilibrium.trouble()
+        self.membrane.set_displacement(self.start)
+        if not self.records or self.records[-1].converged:
+            reason = "the path is lost, and what load control finds lies beyond a jump"
+            self.records.append(SolveRecord(False, reason, 0, float("nan"), 0.0, "arc length"))
+        return Reached(joined(*self.records), 0.0, trouble=trouble, trace=tuple(self.trace))
+
+    # ---- helpers
+
+    def _softened(self, a: Rest) -> bool:
+        """Whether the structure is so soft, against the stiffest of its course, that load control is not worth trying."""
+        return a.stiffness is not None and self.stiffest.take(self.way, a.stiffness) < self.policy.soft
+
+    def _compare(self, a: Rest, b: Rest) -> str:
+        return self.way.compare(a, b, self.policy.resolution).kind
+
+    def _smooth(self, a: PathPoint, b: PathPoint) -> tuple[bool, float]:
+        found = self.way.compare(self.way.of_point(a), self.way.of_point(b), self.policy.resolution)
+        return found.kind == "consistent", found.slack
+
+    def _progress(self, point: PathPoint) -> None:
+        if self.report is not None:
+            self.report(Progress(iteration=point.iterations, residual=point.residual, seconds=0.0))
+
+    def _pass(self, event: Event, share: float) -> None:
+        self.trace.append(Passage(event=event, share=share))
+
+
+def walked(end: PathEnd, *, again: bool = False) -> SolveRecord:
+    """Record of following a path. Where it loses its stability the last point before is an equilibrium that may be kept.
+
+    :param again: its iterations are counted already.
+    """
+    return SolveRecord(
+        converged=end.reason in ("limit", "bifurcation"),
+        reason=end.reason,
+        iterations=0 if again else end.iterations,
+        residual=end.last.residual,
+        seconds=0.0,
+        method="arc length",
+    )

@@ -1,0 +1,85 @@
+"""When a load step's result is accepted: the constants, and the trace of what a step went through.
+
+Along a straight way between two load states, let λ be the share of the way, u the equilibrium at it, f = ∂(free force)/∂λ and
+P = ∫ f · du the load displacement. The current stiffness s = dλ/dP = 1/(f · K⁻¹ f) (P. G. Bergan, Comput. Methods Appl. Mech. Eng.
+17/18, 1979) falls smoothly to zero at a limit of the load. Between two equilibria a and b,
+
+    e = (½ (s_a + s_b) − Δλ/ΔP) / max(|s_a|, |s_b|)
+
+vanishes where λ(P) is a parabola. A structure that has jumped in between went a long way ΔP for little Δλ: e → ½ … 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Literal
+
+Event = Literal[
+    "load control",  # equilibrium found at the aim by raising the load, and verified
+    "unverified start",  # found, and stable; but it started from no stable equilibrium with a tangent, so nothing can be compared
+    "bisected",  # the way was cut in two: too curved to be verified in one
+    "kink",  # still too curved at the shortest part, but without a sign of a jump
+    "unstable",  # Newton came to an unstable equilibrium, and was pushed off it
+    "path",  # followed by arc length from here
+    "limit",  # the load has a maximum here
+    "bifurcation",  # the path loses its stability here while the load still rises
+    "branch",  # a stable path that branches off was taken
+    "snap",  # jumped beyond a limit, as the stage asks for
+    "target",  # the path reached the aim
+    "lost",  # the path could not be followed further
+    "relaxed",  # found by relaxation, stable and verified
+    "refused",  # what was found is unstable, or lies beyond a jump: not taken
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Passage:
+    """One passage of a load step: what happened, and at which share of the way (of a stage's course, once it is in a result)."""
+
+    event: Event
+    share: float
+
+
+Trace = tuple[Passage, ...]
+
+
+def told(trace: Trace) -> str:
+    """A trace in a few words: its passages in order, repeated ones once with their number."""
+    words = []
+    for event, group in groupby(one.event for one in trace):
+        count = len(list(group))
+        words.append(event if count == 1 else f"{event} ×{count}")
+    return ", ".join(words)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Policy:
+    """The constants of the step policy; each with what it was derived from.
+
+    :param resolution: largest |e| that is accepted. A part between ends of equal stiffness s hides a jump of at most e/(1 − e) of
+        its regular ΔP = Δλ/s, a ninth at 0.1: smaller snaps, of single wrinkles, are below what a result resolves. λ ~ P³, the way
+        a flat sheet stiffens, has |e| = 1/6 from its start and is cut once; a collapse has ½ … 1: its verdict does not hang on it.
+    :param soft: share of the stiffest s met on the same course below which load control is not tried: Newton's steps grow as 1/s,
+        and at a tenth the load is within about a percent of a parabola's limit (1 − λ/λ_max = (s/s₀)²).
+    :param parts: halvings of a step; what is still curved at 2⁻¹⁰ of it is a kink, which no finer cut makes smooth.
+    :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to.
+    :param balance: residual over tolerance up to which a start counts as an equilibrium. Between the two stand the changes that a
+        pressure's rounding or a shut valve bring; starts that are none, such as prestress let go, are off by 1e4 and more.
+    :param above: share of the step above a point of bifurcation at which a branch is looked for: ten times the width it is
+        bracketed to, so that the branch has left the bracket.
+    :param branches: paths followed after one another, each branching off the one before.
+    :param landings: attempts to land on the aim from the path's points below and above it; each shortens the way by what it missed.
+    """
+
+    resolution: float = 0.1
+    soft: float = 0.1
+    parts: int = 10
+    shortest: float = 1e-3
+    balance: float = 1e2
+    above: float = 1e-2
+    branches: int = 3
+    landings: int = 8
+
+
+POLICY = Policy()

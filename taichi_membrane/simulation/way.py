@@ -1,0 +1,147 @@
+"""The straight way between two load states: equilibria on it with their stiffness, and whether two belong to one smooth path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.solvers.newton import Newton
+from taichi_membrane.solvers.path import PathPoint
+
+# A motion's force is a difference over this share of the way, either side: rounding leaves 1e-10 of it, curvature less.
+_DIFFERENCE = 1e-6
+
+Kind = Literal["consistent", "curved", "jump", "unknown"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rest:
+    """An equilibrium on a way.
+
+    :param share: of the way, from 0 to 1.
+    :param position: (node_count, 3) displacements.
+    :param force: (node_count, 3) change of the free forces per share at fixed free displacements, in the supports' axes.
+    :param stiffness: current stiffness dλ/dP; None where the tangent is singular.
+    :param negative: negative eigenvalues of the tangent; None where it is singular.
+    """
+
+    share: float
+    position: Floats
+    force: Floats
+    stiffness: float | None
+    negative: int | None
+
+    @property
+    def stable(self) -> bool:
+        """Whether the tangent is known to be positive definite."""
+        return self.negative == 0
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What two equilibria's stiffnesses say about the way between them.
+
+    :param kind: ``consistent``; ``curved`` (too curved to tell); ``jump`` (the secant is softer than both ends: a jump, or a limit,
+        lies between); ``unknown`` (a tangent is singular).
+    :param slack: how much of the share the difference of secant and tangents comes to.
+    """
+
+    kind: Kind
+    slack: float = 0.0
+
+
+class Way:
+    """The straight way from one load state to another.
+
+    :param press: sets pressures and loads of a load state, and prescribed displacements where they move.
+    """
+
+    def __init__(self, newton: Newton, before: LoadState, after: LoadState, press: Callable[[LoadState], None]) -> None:
+        self.newton, self.membrane = newton, newton.membrane
+        self.before, self.after, self._press = before, after, press
+        self.moves = before.motions != after.motions
+
+    def at(self, share: float) -> LoadState:
+        """The load state at a share of the way."""
+        return self.before.toward(self.after, share)
+
+    def press(self, share: float) -> None:
+        """Set the load state at a share of the way."""
+        self._press(self.at(share))
+
+    def force(self, share: float) -> Floats:
+        """Change of the free forces per share at the present displacements; leaves the load state at ``share`` set."""
+        position = self.membrane.displacement() if self.moves else None
+        # Pressures and loads enter linearly, so that a whole way's difference is exact; motions do not.
+        ahead, behind = (share + _DIFFERENCE, share - _DIFFERENCE) if self.moves else (share + 1.0, share)
+        self.press(ahead)
+        more = self.newton.free_force()
+        self.press(behind)
+        change = (more - self.newton.free_force()) / (ahead - behind)
+        if position is not None:
+            self.membrane.set_displacement(position)
+            self.press(share)
+        return np.asarray(change)
+
+    def rest(self, share: float) -> Rest:
+        """The present equilibrium at a share of the way; its factorised tangent is kept for the next step."""
+        self.press(share)
+        position = self.membrane.displacement()
+        factor = self.newton.at_rest()
+        force = self.force(share)
+        if factor is None:
+            return Rest(share=share, position=position, force=force, stiffness=None, negative=None)
+        compliance = float(np.vdot(force, factor.solve(force)))
+        return Rest(
+            share=share,
+            position=position,
+            force=force,
+            stiffness=1.0 / compliance if compliance != 0.0 and np.isfinite(compliance) else None,
+            negative=factor.negative,
+        )
+
+    def of_point(self, point: PathPoint) -> Rest:
+        """A point of the path along this way."""
+        self.membrane.set_displacement(point.position)
+        force = self.force(point.factor)
+        compliance = float(np.vdot(force, point.tangent))
+        return Rest(
+            share=point.factor,
+            position=point.position,
+            force=force,
+            stiffness=1.0 / compliance if compliance != 0.0 else None,
+            negative=point.negative,
+        )
+
+    def compare(self, a: Rest, b: Rest, resolution: float) -> Comparison:
+        """Whether a smooth path leads from one equilibrium to another, by :mod:`taichi_membrane.simulation.policy`'s e."""
+        if a.stiffness is None or b.stiffness is None:
+            return Comparison("unknown")
+        largest = max(abs(a.stiffness), abs(b.stiffness))
+        change, work = b.share - a.share, self._load_displacement(a, b)
+        if work == 0.0:
+            return Comparison("consistent" if change == 0.0 else "curved")
+        secant = change / work
+        deviation = 0.5 * (a.stiffness + b.stiffness) - secant
+        slack = abs(deviation * work)
+        if abs(deviation) <= resolution * largest:
+            return Comparison("consistent", slack)
+        return Comparison("jump" if secant < min(a.stiffness, b.stiffness) else "curved", slack)
+
+    def _load_displacement(self, a: Rest, b: Rest) -> float:
+        """ΔP = ∫ f · du along the chord, by Simpson's rule.
+
+        Exact for dead loads and for follower pressure, whose volume is cubic in u.
+        """
+        position = self.membrane.displacement()
+        middle = 0.5 * (a.share + b.share)
+        self.membrane.set_displacement(0.5 * (a.position + b.position))
+        mean = (a.force + 4.0 * self.force(middle) + b.force) / 6.0
+        self.membrane.set_displacement(position)
+        self.press(b.share)
+        return float(np.vdot(mean, self.membrane.in_frames(b.position - a.position)))
