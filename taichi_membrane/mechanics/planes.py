@@ -12,6 +12,9 @@ from taichi_membrane.mechanics.nodes import Nodes, fill
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
+# A share of the normal that is left free by round-off alone.
+_HELD = 1e-9
+
 
 @ti.data_oriented
 class PlaneTerm:
@@ -31,8 +34,11 @@ class PlaneTerm:
         self.plane = structure.planes[self.number]
         self.plane_normal[None] = self.plane.normal.tolist()
         self.rest_gap = (structure.points - self.plane.through) @ self.plane.normal
+        # A node that cannot move along the normal is held up by its support.
+        normal = np.tile(self.plane.normal, (structure.node_count, 1))
+        free = np.where(structure.node_held, 0.0, self.nodes.in_frames(normal))
         self.touching = np.zeros(structure.node_count, dtype=bool)
-        self.touching[self.plane.nodes] = True
+        self.touching[self.plane.nodes] = np.linalg.norm(free[self.plane.nodes], axis=1) > _HELD
         self.set(np.zeros(structure.node_count), np.zeros(structure.node_count))
 
     def set(self, stiffness: Floats, multiplier: Floats) -> None:

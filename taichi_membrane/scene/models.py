@@ -14,6 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from taichi_membrane.names import SideStrain, WrinklingLaw
 from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Label, Name, Positive, Record, Vector
+from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
 from taichi_membrane.scene.support import Motion, Support
@@ -398,6 +399,10 @@ class Scene(Record):
     """Fabric of all elements that no entry of ``fabrics`` names."""
     fabrics: Annotated[dict[Name, Fabric], _FEW] = {}
     """Fabric of each element group."""
+    cables: Annotated[dict[Name, Cable], _FEW] = {}
+    """Cables and bars by name."""
+    planes: Annotated[dict[Name, Plane], Field(max_length=8)] = {}
+    """Planes that nodes touch and do not pass, by name."""
     supports: Annotated[list[Support], _FEW] = []
     """What is held."""
     pressures: Annotated[dict[Name, Pressure], _FEW] = {"inside": Pressure()}
@@ -464,6 +469,7 @@ class Scene(Record):
             _known(self.modes.stage, names, "modes.stage", "a stage")
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
             raise ValueError("modes and derivatives need the tangent of solver.kind 'hybrid' or 'newton'")
+        self._check_planes()
         if self.curve is not None:
             allowed = [*self.probes, "volume", "pressure", *(f"pressure.{p}" for p in self.pressures)]
             allowed += [f"load.{name}" for name in self.loads] + [f"motion.{name}" for name in self.motions]
@@ -483,6 +489,17 @@ class Scene(Record):
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self
+
+    def _check_planes(self) -> None:
+        """Refuse what takes the tangent in contact for that of the structure: it holds springs, where the planes are rigid."""
+        if self.planes:
+            told = "is not implemented for a scene with planes"
+            if self.derivatives or self.modes is not None:
+                raise ValueError(f"{'derivatives' if self.derivatives else 'modes'} {told}")
+            for stage in self.stages:
+                if stage.control == "arc_length" or stage.until == "collapse":
+                    key = "control = 'arc_length'" if stage.control == "arc_length" else "until = 'collapse'"
+                    raise ValueError(f"stages.{stage.name}.{key} {told}")
 
     def _check_closed(self, stage: Stage) -> None:
         """Refuse a stage that shuts a valve it cannot shut."""

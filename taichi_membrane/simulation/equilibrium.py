@@ -15,6 +15,7 @@ from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.way import Way
+from taichi_membrane.solvers.contact import Contact
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import Path
 from taichi_membrane.solvers.record import Progress, SolveRecord, joined
@@ -42,6 +43,7 @@ class Equilibrium:
     def __init__(self, model: Model) -> None:
         self.membrane = System(model.structure)
         self.relaxation = Relaxation(self.membrane)
+        self.contact = Contact(self.membrane, self.relaxation)
         self._made: Newton | None = None
         self._settle(model)
 
@@ -50,6 +52,7 @@ class Equilibrium:
         fits = self.membrane.accepts(model.structure)
         if fits:
             self.membrane.upload(model.structure)
+            self.contact.upload()
             self._settle(model)
         return fits
 
@@ -192,16 +195,24 @@ class Equilibrium:
         return joined(*parts)
 
     def _relax(self, reference: float, limit: int, report: Report) -> SolveRecord:
-        return self.relaxation.solve(tolerance=self.tolerance, reference=reference, max_iterations=limit, report=report)
+        def work() -> SolveRecord:
+            return self.relaxation.solve(
+                tolerance=self.tolerance, reference=reference, max_iterations=limit, report=report
+            )
+
+        return self.contact.solve(work, self.tolerance, reference)
 
     def _newton(self, newton: Newton, state: LoadState, reference: float, limit: int, report: Report) -> SolveRecord:
-        return newton.solve(
-            tolerance=self.tolerance,
-            reference=reference,
-            loads=self.model.nodal_loads(state.pressures, state.loads),
-            max_iterations=limit,
-            report=report,
-        )
+        def work() -> SolveRecord:
+            return newton.solve(
+                tolerance=self.tolerance,
+                reference=reference,
+                loads=self.model.nodal_loads(state.pressures, state.loads),
+                max_iterations=limit,
+                report=report,
+            )
+
+        return self.contact.solve(work, self.tolerance, reference)
 
     def path(self, way: Way) -> Path:
         """The equilibrium path in the share of a way, by arc length."""

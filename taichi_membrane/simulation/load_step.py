@@ -107,8 +107,8 @@ class LoadStep:
         off = float(np.linalg.norm(self.newton.free_force()))
         balanced = off <= self.policy.balance * self.equilibrium.tolerance * self.equilibrium.reference(self.way.after)
         origin = self.way.rest(0.0) if balanced else None
-        if origin is None or not origin.stable or origin.stiffness is None:
-            return self._direct()
+        if origin is None or not origin.stable or origin.stiffness is None or self.membrane.planes:
+            return self._direct()  # planes are rigid, but springs in the tangent, which foretells nothing then
         return self._walk(origin)
 
     # ---- load control

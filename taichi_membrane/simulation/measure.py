@@ -98,6 +98,11 @@ class Measure:
             derivatives=at_rest.derivatives,
             modes=at_rest.modes,
             seconds=time.perf_counter() - started,
+            cable_forces=np.zeros(0) if self.membrane.cables is None else self.membrane.cables.forces(),
+            contact_forces={
+                name: float(plane.push().sum())
+                for name, plane in zip(self.model.scene.planes, self.membrane.planes, strict=True)
+            },
         )
 
     def again(self, step: StepResult) -> None:

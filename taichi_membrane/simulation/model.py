@@ -21,6 +21,7 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Fabric, Load, Rotation, Scene, Translation, VolumeProbe
 from taichi_membrane.simulation.chambers import Chamber, chambers_of, pressure_used, sides
 from taichi_membrane.simulation.groups import group_nodes, group_triangles, pressed_triangles
+from taichi_membrane.simulation.members import cables_of, planes_of, with_cable_nodes
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
 # for every load step (displacements, reactions, element fields); besides, the record of a step.
@@ -175,10 +176,11 @@ def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) 
 
 
 def with_scene_groups(scene: Scene, mesh: Mesh) -> Mesh:
-    """The mesh with the groups that the scene chooses by coordinates.
+    """The mesh with the loose points that cables use as nodes, and the groups that the scene chooses by coordinates.
 
     :raises InputError: a condition that cannot be read or that nothing meets; a name that is taken.
     """
+    mesh = with_cable_nodes(scene, mesh)
     chosen: dict[str, dict[str, Ints]] = {"nodes": {}, "elements": {}}
     for name, group in scene.groups.items():
         chosen[group.kind][name] = meshes.select(mesh, group.where, kind=group.kind, key=f"groups.{name}.where")
@@ -204,7 +206,8 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
             unit_pressures[name] = preparation.nodal_pressure(mesh, share)
     held, frame = _held(scene, mesh)
     motions = _motions(scene, mesh, held, frame)
-    left = meshes.rigid_motions_left(mesh, held, frame)
+    cables = cables_of(scene, mesh)
+    left = meshes.rigid_motions_left(mesh, held, frame, None if cables is None else cables.nodes)
     if left:
         raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
     structure = Structure(
@@ -217,6 +220,8 @@ def build_model(scene: Scene, mesh: Mesh) -> Model:
         tri_chamber=tri_chamber,
         tri_ahead=tri_ahead,
         loads=bool(unit_loads or unit_pressures),
+        cables=cables,
+        planes=planes_of(scene, mesh),
     )
     return Model(
         scene=scene,

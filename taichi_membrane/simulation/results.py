@@ -70,6 +70,8 @@ class StepResult:
     :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.load_step.Stiffest`; the next step
         needs it.
     :param derivatives: of each probe asked for, with respect to ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``.
+    :param cable_forces: (cable_count,) force of each cable element, in the scene's order, tension positive; not in a run's files.
+    :param contact_forces: sum of the forces of each plane on the structure along its normal; not in a run's files.
     """
 
     number: int
@@ -97,6 +99,8 @@ class StepResult:
     seconds: float
     trace: Trace = ()
     stiffest: float = 0.0
+    cable_forces: Floats = field(default_factory=lambda: np.zeros(0))
+    contact_forces: dict[str, float] = field(default_factory=dict)
 
     @property
     def stable(self) -> bool | None:

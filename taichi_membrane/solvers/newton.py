@@ -271,13 +271,16 @@ class Newton:
         return best
 
     def _small(self, mode: Floats) -> Floats:
-        """(node_count, 3) a mode, its largest component as large as the mesh's sides are where the mode moves.
+        """(node_count, 3) a mode, its largest component as large as sides and cables are where the mode moves.
 
         Sides are averaged with the mode's square: one needle somewhere else counts as little as it moves.
         """
-        mesh = self.membrane.structure.mesh
+        structure, moves = self.membrane.structure, (mode**2).sum(axis=1)
         sides = self.membrane.geometry.side_length.mean(axis=1)
-        share = (mode**2).sum(axis=1)[mesh.triangles].sum(axis=1)
+        share = moves[structure.mesh.triangles].sum(axis=1)
+        if structure.cables is not None:
+            sides = np.concatenate([sides, structure.cables.length])
+            share = np.concatenate([share, moves[structure.cables.nodes].sum(axis=1)])
         length = float(share @ sides) / float(share.sum())
         return np.asarray(self.membrane.from_frames(mode / np.abs(mode).max() * length))
 
