@@ -14,11 +14,12 @@ from rich.table import Table
 from rich.text import Text
 
 from taichi_membrane.mesh import survey
-from taichi_membrane.scene import Fabric, Pressure, Scene, Stage
+from taichi_membrane.scene import Cable, Fabric, Pressure, Scene, Stage
 from taichi_membrane.scene.units import load_unit, motion_unit, probe_unit
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import CheckResult, RunResult, StepResult
+from taichi_membrane.simulation.solver_choice import without_potential
 
 _GAP = 2  # blanks between columns
 _ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
@@ -270,6 +271,9 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
         ),
         *(("motion", f"{name}: {item.kind} of {item.group} in {item.hold}") for name, item in scene.motions.items()),
         *(("pressure", _pressure_line(name, item)) for name, item in scene.pressures.items()),
+        *(("pressure", line) for line in _potential_lines(model)),
+        *(("cable", f"{name}: {_cable_line(item)}") for name, item in scene.cables.items()),
+        *(("plane", f"{name}: through {list(item.through)}, for {item.group}") for name, item in scene.planes.items()),
         *(("load", f"{name}: {item.kind} on {item.group}") for name, item in scene.loads.items()),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         ("probes", ", ".join(scene.probes) or "none"),
@@ -287,6 +291,20 @@ def _pressure_line(name: str, pressure: Pressure) -> str:
     """What a pressure acts on."""
     on, against = ([one] if isinstance(one, str) else one for one in (pressure.group, pressure.against))
     return f"{name}: {pressure.kind}, on {', '.join(on)}" + (f", against {', '.join(against)}" if against else "")
+
+
+def _potential_lines(model: Model) -> list[str]:
+    """Whether the follower pressures have a potential, where there are any."""
+    if not model.chambers:
+        return []
+    where = without_potential(model)
+    return [f"without a potential at {where}: unsymmetric tangent, no energy" if where else "has a potential"]
+
+
+def _cable_line(cable: Cable) -> str:
+    """Where cables run."""
+    place = cable.along or cable.lines or " to ".join(cable.nodes or ())
+    return f"{cable.kind}, EA {cable.EA:g}, {'from ' if cable.nodes else 'along '}{place}"
 
 
 def _counts(groups: Mapping[str, Sized]) -> str:

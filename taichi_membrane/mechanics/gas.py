@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_membrane.algebra.multifrontal import Factor
+from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats, Ints, volume_gradient
 from taichi_membrane.mechanics.system import System
 
@@ -84,7 +84,7 @@ class Gas:
         inner += np.array([[np.vdot(a, b) for b in softened] for a in gradients])
         # Sylvester's law on the bordered matrix, whose inertia can be read both ways.
         negative = factor.negative + int((np.linalg.eigvalsh(inner) > 0.0).sum()) - len(self.chambers)
-        return CoupledFactor(factor, gradients, softened, inner, negative)
+        return CoupledFactor(factor, gradients, resistance, softened, inner, negative)
 
     def _volumes(self) -> list[float]:
         swept = self.membrane.swept_volumes(self.membrane.displacement())
@@ -106,6 +106,7 @@ class CoupledFactor:
 
     factor: Factor
     gradients: list[Floats]
+    resistance: list[float]
     softened: list[Floats]
     inner: Floats
     negative: int
@@ -117,3 +118,15 @@ class CoupledFactor:
         for share, softened in zip(shares, self.softened, strict=True):
             solution = solution - share * softened
         return solution
+
+    def solve_transposed(self, right: Floats) -> Floats:
+        """The same: the matrix is symmetric."""
+        return self.solve(right)
+
+    def residual(self, solution: Floats, right: Floats) -> float:
+        """Backward error of a solution, in largest components, over the size of the matrix without the gas."""
+        gas = sum(
+            stiffness * np.vdot(gradient, solution) * gradient
+            for stiffness, gradient in zip(self.resistance, self.gradients, strict=True)
+        )
+        return self.factor.residual(solution, right - gas)

@@ -2,6 +2,7 @@
 
 A triangle's pressure is p_behind - p_ahead, behind being the side that its normal points away from. It is a load on the triangles
 and has no loop of its own: the triangles' loop has the sides at hand.
+Where it has a potential, and where not: :mod:`taichi_membrane.mechanics.rim`.
 """
 
 import numpy as np

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_membrane.algebra.elimination import Elimination, eliminate
+from taichi_membrane.algebra.elimination import Elimination
+from taichi_membrane.algebra.protocol import DIRECT
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import Cables, FabricConstants, Floats, Ints, Plane, TriangleGeometry
 from taichi_membrane.mesh import Mesh
@@ -145,9 +146,23 @@ class Structure:
         return preparation.pair_lists(self.pairs, self.edges, self.elimination.edge_node[:, 1], self.node_count)
 
     @cached_property
+    def pressure_edges(self) -> tuple[Ints, Ints]:
+        """Edges (k, 2) where pressures end or jump, and how often each chamber's boundary runs along them, (k, chamber_count)."""
+        corners, table = self.mesh.triangles, self.mesh.edge_table
+        along = np.where(corners < np.roll(corners, -1, axis=1), 1, -1).ravel()[table.half_edges]
+        sense = np.zeros((len(table.start), self.chamber_count), dtype=np.int64)
+        for chambers, side in ((self.tri_chamber, 1), (self.tri_ahead, -1)):
+            if chambers is not None:
+                of_side = chambers[table.half_edges // 3]
+                for number in range(self.chamber_count):
+                    sense[:, number] += np.add.reduceat(np.where(of_side == number, side * along, 0), table.start)
+        ends = np.flatnonzero(sense.any(axis=1))
+        return table.nodes[ends].astype(np.int64), sense[ends]
+
+    @cached_property
     def elimination(self) -> Elimination:
         """Symbolic factorisation of the tangent."""
-        return eliminate(self.points, self.edges)
+        return DIRECT.order(self.points, self.edges)
 
     def prepare(self, *, matrix: bool) -> None:
         """Compute now what the engine will ask for; ``matrix`` with what only a direct solver needs."""

@@ -7,7 +7,7 @@ elements' in fixed order, as many as there are.
 import numpy as np
 from scipy import sparse
 
-from taichi_membrane.algebra.multifrontal import Multifrontal
+from taichi_membrane.algebra.protocol import DIRECT, Algebra
 from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics.nodes import Array
@@ -20,8 +20,8 @@ from taichi_membrane.mechanics.system import System
 class Tangent:
     """Assembles a system's tangent stiffness at its present displacements; double precision only."""
 
-    def __init__(self, system: System) -> None:
-        self.system = system
+    def __init__(self, system: System, algebra: Algebra = DIRECT) -> None:
+        self.system, self.algebra = system, algebra
         structure = system.structure
         nodes, slots = system.node_rest.shape[0], system.node_slot.shape[0]
         edges, pairs = len(structure.edges), len(structure.pairs)
@@ -43,7 +43,7 @@ class Tangent:
         """Take over the structure that is now in the system's fields."""
         structure = self.system.structure
         self.elimination = structure.elimination
-        self.solver = Multifrontal(self.elimination, runtime.current().threads)
+        self.solver = self.algebra.solver(self.elimination, runtime.current().threads)
         elimination = self.elimination
         self._write(elimination.node_block, elimination.edge_block, elimination.edge_node, *structure.edge_pairs)
         self.blocks = np.zeros((self.elimination.block_count, 3, 3))

@@ -19,7 +19,8 @@ has exist: the others allocate nothing and compile nothing.
 *Node terms* act on one node at a time and are inlined where it gathers: ``force(i)``, ``energy(i)``, ``bound(i)``, ``block(i)``,
 with M ≥ ¼ ``bound``, as nothing at another end counts it a second time.
 
-*Global terms* couple many nodes. They stay on the host and wrap the sparse factor: shut chambers (:mod:`gas`).
+*Global terms* couple many nodes. They stay on the host and wrap the sparse factor: shut chambers (:mod:`gas`) and,
+outside of those, pressure that has no potential (:mod:`rim`).
 """
 
 from __future__ import annotations

@@ -173,6 +173,11 @@ class Mesh:
     def _edges(self) -> EdgeTable:
         return edge_table(self.triangles, self.node_count)
 
+    @property
+    def edge_table(self) -> EdgeTable:
+        """The unique edges and the half-edges along each."""
+        return self._edges
+
     def edges(self) -> NDArray[np.int32]:
         """Return the unique edges (edge_count, 2), lower node number first, sorted."""
         return self._edges.nodes

@@ -8,6 +8,7 @@ import numpy as np
 
 from taichi_membrane.device import runtime
 from taichi_membrane.mechanics.gas import Gas, ShutChamber
+from taichi_membrane.mechanics.rim import Rim
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
 from taichi_membrane.simulation.load_step import LoadStep, Reached, Stiffest
@@ -68,6 +69,7 @@ class Equilibrium:
         self.newton = self._made if self.kind != "relaxation" else None
         settings = model.scene.solver
         self.gas: Gas | None = None
+        self.rim = Rim.of(model.structure)
         self.tolerance = settings.tolerance or _DEFAULT_TOLERANCE[runtime.current().precision]
 
     def compile(self) -> None:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.scene import Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
@@ -15,7 +16,6 @@ from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import Course, LoadState
 from taichi_membrane.simulation.results import ElementFields, ModeResult, StepResult
 from taichi_membrane.simulation.way import Way
-from taichi_membrane.solvers.newton import AnyFactor
 from taichi_membrane.solvers.record import ElementState, SolveRecord
 
 
@@ -70,6 +70,8 @@ class Measure:
         swept = self.membrane.swept_volumes(displacement)
         volume = self.model.rest_volume + float((self.model.enclosing * swept).sum())
         energy = self.membrane.potential_energy(dead)[0] if self._has_energy else None
+        if self.equilibrium.rim.at(self.membrane.pressures(), displacement) is not None:
+            energy = None  # follower pressure without a potential
         if energy is not None and self.equilibrium.gas is not None:
             energy += self.equilibrium.gas.energy()
         at_rest = self._at_rest(stage, course, share) if record.converged else AtRest()
@@ -117,7 +119,7 @@ class Measure:
         asked = self.model.scene.modes
         return asked if asked is not None and asked.stage in (None, stage) else None
 
-    def _tangent(self, stage: str) -> AnyFactor | None:
+    def _tangent(self, stage: str) -> Factor | None:
         """The factorised tangent at the present state, where it is used and not singular."""
         newton, scene = self.equilibrium.newton, self.model.scene
         if newton is None or not (scene.solver.stability or scene.derivatives or self._modes_asked(stage)):

@@ -59,7 +59,8 @@ class StepResult:
     :param pressures: each pressure's value; ``loads`` and ``motions`` each one's factor.
     :param displacement: (n, 3) nodal displacements; ``reaction`` (n, 3) support forces, zero at free components.
     :param volume: enclosed volume of a closed body, else the volume swept since rest.
-    :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy.
+    :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy, and
+        where a pressure has no potential.
     :param converged: False marks a state that is *not* an equilibrium; ``reason`` says why.
     :param cuts: how often the step had to be halved.
     :param negative_pivots: negative eigenvalues of the tangent stiffness, 0 for a stable equilibrium; None where no tangent is

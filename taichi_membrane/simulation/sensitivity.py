@@ -1,6 +1,6 @@
 """Derivatives of probes with respect to loads, pressures and thicknesses by one extra solve per probe (adjoint).
 
-With F(u, θ) = 0 the out-of-balance forces and K = -∂F/∂u, a probe g(u) has dg/dθ = a·∂F/∂θ, where K a = ∂g/∂u.
+With F(u, θ) = 0 the out-of-balance forces and K = -∂F/∂u, a probe g(u) has dg/dθ = a·∂F/∂θ, where Kᵀ a = ∂g/∂u.
 """
 
 from __future__ import annotations
@@ -10,14 +10,15 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from taichi_membrane import scene as scenes
+from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats, volume_gradient
 from taichi_membrane.simulation.groups import group_nodes
 from taichi_membrane.simulation.model import Model
-from taichi_membrane.solvers.newton import AnyFactor, Newton
+from taichi_membrane.solvers.newton import Newton
 
 
 def derivatives(
-    model: Model, newton: Newton, factor: AnyFactor, displacement: Floats, shut: Collection[int]
+    model: Model, newton: Newton, factor: Factor, displacement: Floats, shut: Collection[int]
 ) -> dict[str, dict[str, float]]:
     """Of each probe the scene names, by ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``, at the state at rest.
 
@@ -29,7 +30,7 @@ def derivatives(
     found = {}
     for name in model.scene.derivatives:
         gradient = newton.membrane.in_frames(_gradient(model, name, displacement))
-        adjoint = factor.solve(np.where(newton.free, gradient, 0.0))
+        adjoint = factor.solve_transposed(np.where(newton.free, gradient, 0.0))
         found[name] = {parameter: float(np.vdot(adjoint, force)) for parameter, force in forces.items()}
     return found
 
