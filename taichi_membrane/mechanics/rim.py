@@ -203,3 +203,8 @@ class SkewFactor:
             inverse = error.eigenvalues
         real = np.abs(inverse.imag) <= _IN_PLANE * np.abs(inverse)
         return int((real & (inverse.real < 0.0)).sum())
+
+
+def symmetric(factor: Factor) -> Factor:
+    """The factorised symmetric part of a tangent."""
+    return factor.factor if isinstance(factor, SkewFactor) else factor

@@ -19,7 +19,7 @@ from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.contact import Contact
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import Path
-from taichi_membrane.solvers.record import Progress, SolveRecord, joined
+from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now, joined
 from taichi_membrane.solvers.relaxation import Relaxation
 
 # Residual over applied load at which a state counts as equilibrium. On the cantilever 1e-6 leaves 2e-5 of the tip deflection, 3e-6
@@ -31,6 +31,10 @@ _NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
 
 # Along a path residuals are compared with the loads there, which may pass through zero: with this share of the step's at least.
 _LEAST_REFERENCE = 1e-3
+
+# Round-offs of the stiffest forces that the residual of motions may consist of: a node gathers some six triangles, each of three
+# corners and as many sides.
+_ROUND_OFFS = 50.0
 
 # How many nodes a step that fails names.
 _WORST_NODES = 3
@@ -196,7 +200,7 @@ class Equilibrium:
             self.membrane.set_displacement(start)
         return joined(*parts)
 
-    def _relax(self, reference: float, limit: int, report: Report) -> SolveRecord:
+    def _relax(self, reference: Reference, limit: int, report: Report) -> SolveRecord:
         def work() -> SolveRecord:
             return self.relaxation.solve(
                 tolerance=self.tolerance, reference=reference, max_iterations=limit, report=report
@@ -204,7 +208,9 @@ class Equilibrium:
 
         return self.contact.solve(work, self.tolerance, reference)
 
-    def _newton(self, newton: Newton, state: LoadState, reference: float, limit: int, report: Report) -> SolveRecord:
+    def _newton(
+        self, newton: Newton, state: LoadState, reference: Reference, limit: int, report: Report
+    ) -> SolveRecord:
         def work() -> SolveRecord:
             return newton.solve(
                 tolerance=self.tolerance,
@@ -218,7 +224,7 @@ class Equilibrium:
 
     def path(self, way: Way) -> Path:
         """The equilibrium path in the share of a way, by arc length."""
-        least = _LEAST_REFERENCE * max(self.reference(way.before), self.reference(way.after))
+        least = _LEAST_REFERENCE * max(force_now(self.reference(one)) for one in (way.before, way.after))
         return Path(
             way.newton,
             apply=way.press,
@@ -226,13 +232,32 @@ class Equilibrium:
             tolerance=self.tolerance,
         )
 
-    def reference(self, state: LoadState) -> float:
-        """Size of the applied loads and of prestress; failing both, of the scene's largest load, or of the support forces."""
+    def reference(self, state: LoadState) -> Reference:
+        """Size of what acts: applied loads and prestress; failing both, the reactions of motions, or the scene's largest load."""
         applied = self._applied(state)
         if applied > 0.0:
             return applied
-        full = max(self.model.reference_load(one.pressures, one.loads) for one in stage_targets(self.model.scene))
-        return full or float(np.linalg.norm(self.membrane.out_of_balance())) or 1.0
+        if any(state.motions.values()):
+            return self._reactions()
+        targets = stage_targets(self.model.scene)
+        return max(self.model.reference_load(one.pressures, one.loads) for one in targets) or 1.0
+
+    def _reactions(self) -> Reference:
+        """Size of the support forces at the present state, for a membrane that motions alone act on.
+
+        Where it carries next to nothing, round-off is what is left: strains of size ε u/ℓ make forces of ε ‖2 M u‖, M being the
+        fictitious masses that bound the stiffness. The floor lets the tolerance stand at :data:`_ROUND_OFFS` of these.
+        """
+        held, membrane = self.model.structure.node_held, self.membrane
+        bound = 2.0 * self.relaxation.masses()[:, None] * membrane.displacement()
+        share = min(_ROUND_OFFS * float(np.finfo(membrane.dtype).eps) / self.tolerance, 1.0)
+        floor = share * float(np.linalg.norm(bound))
+
+        def now() -> float:
+            force = membrane.in_frames(membrane.out_of_balance())
+            return max(float(np.linalg.norm(np.where(held, force, 0.0))), floor) or 1.0
+
+        return now
 
     def _applied(self, state: LoadState) -> float:
         """Size of the applied loads and of prestress; 0 where there are none."""

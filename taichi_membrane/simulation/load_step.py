@@ -17,7 +17,7 @@ from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.policy import POLICY, Event, Passage, Policy, Trace
 from taichi_membrane.simulation.way import Rest, Way
 from taichi_membrane.solvers.path import Path, PathEnd, PathPoint, follow
-from taichi_membrane.solvers.record import Progress, SolveRecord, joined
+from taichi_membrane.solvers.record import Progress, SolveRecord, force_now, joined
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 # Cosine of the angle between ways of one course: rounding of load values leaves 1e-16, a user's digits less than 1e-9.
 _PARALLEL = 1.0 - 1e-9
+# Largest strain that is none: rounding of a side's length leaves 1e-15.
+_UNSTRAINED = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,9 @@ class LoadStep:
         """Take the step. Where no equilibrium is found the membrane is back in the state it came from."""
         self.way.press(0.0)
         off = float(np.linalg.norm(self.newton.free_force()))
-        balanced = off <= self.policy.balance * self.equilibrium.tolerance * self.equilibrium.reference(self.way.after)
+        balanced = off <= self.policy.balance * self.equilibrium.tolerance * force_now(
+            self.equilibrium.reference(self.way.after)
+        )
         origin = self.way.rest(0.0) if balanced else None
         if origin is None or not origin.stable or origin.stiffness is None or self.membrane.planes:
             return self._direct()  # planes are rigid, but springs in the tangent, which foretells nothing then
@@ -130,6 +134,12 @@ class LoadStep:
             aim = aims[-1]
             soft = not self.way.moves and self._softened(a)
             b, kind = (None, "soft") if soft else self._attempt(a, aim, known.pop(aim, None))
+            if b is not None and kind in ("curved", "jump") and a.share == 0.0 and self._unstrained(a):
+                known[aim] = b
+                if (first := self._off_apex(a)) is not None:
+                    a = first
+                    continue
+                b = known.pop(aim)
             if b is not None and kind == "curved" and aim - a.share > 2.0**-self.policy.parts:
                 self._pass("bisected", 0.5 * (a.share + aim))
                 known[aim] = b
@@ -159,6 +169,20 @@ class LoadStep:
         if kind == "jump" and self.way.moves and aim - a.share > 2.0**-self.policy.parts:
             kind = "curved"  # no path to follow: find the jump as nearly as parts can be
         return b, kind
+
+    def _unstrained(self, a: Rest) -> bool:
+        """Whether nothing is strained: there the stiffness of a tension field depends on where it is moved to, however little."""
+        self.membrane.set_displacement(a.position)
+        return float(np.abs(self.membrane.element_state().strain).max()) <= _UNSTRAINED
+
+    def _off_apex(self, a: Rest) -> Rest | None:
+        """A stable equilibrium just off an unstrained state, to compare with in its stead; None where there is none to be had."""
+        self.membrane.set_displacement(a.position)
+        first = self._solve(2.0**-self.policy.parts)
+        if first is None or not first.stable or first.stiffness is None:
+            return None
+        self._pass("unverified start", first.share)
+        return first
 
     def _solve(self, share: float, *, relax: bool = False) -> Rest | None:
         """Equilibrium at a share of the way by load control, off unstable ones where there are stable ones beside."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.system import System
-from taichi_membrane.solvers.record import SolveRecord
+from taichi_membrane.solvers.record import Reference, SolveRecord, force_now
 from taichi_membrane.solvers.relaxation import Relaxation
 
 # Halved so often, any gap is round-off.
@@ -32,7 +32,7 @@ class Contact:
         """Take over the structure that is now in the system's fields."""
         self._bound = None
 
-    def solve(self, work: Callable[[], SolveRecord], tolerance: float, reference: float) -> SolveRecord:
+    def solve(self, work: Callable[[], SolveRecord], tolerance: float, reference: Reference) -> SolveRecord:
         """Equilibrium in contact: gaps of nodes that are pushed, as forces k g, are below ``tolerance`` times ``reference``.
 
         :param work: solves at the present multipliers.
@@ -46,7 +46,7 @@ class Contact:
                 return record
             pushes = [one.push() for one in self.system.planes]
             lacking = [push - one.multiplier for push, one in zip(pushes, self.system.planes, strict=True)]
-            if float(np.linalg.norm(lacking)) <= tolerance * reference:
+            if float(np.linalg.norm(lacking)) <= tolerance * force_now(reference):
                 return record
             for one, push in zip(self.system.planes, pushes, strict=True):
                 one.set(one.stiffness, push)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from taichi_membrane.algebra.protocol import DIRECT, Algebra, Factor
 from taichi_membrane.mechanics.gas import Gas
 from taichi_membrane.mechanics.preparation import Floats
-from taichi_membrane.mechanics.rim import Rim, Skew, SkewFactor
+from taichi_membrane.mechanics.rim import Rim, Skew, SkewFactor, symmetric
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
-from taichi_membrane.solvers.record import Progress, SolveRecord
+from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now
 from taichi_membrane.solvers.relaxation import Relaxation
 
 # Shifts are multiples of 2 M. Twice that bounds the tangent in size (K ≤ 4 M), so that a shift of 2 makes any definite; enormous
@@ -38,11 +38,6 @@ _SHORTEST_OUTRIGHT = 1 / 16
 _ENERGY_NOISE = 1e-13
 # Away from an unstable equilibrium: the first push, as a share of the sides there, and how exactly its direction is found.
 _FIRST_PUSH, _INVERSE_ITERATIONS, _DISTURBANCE = 1e-3, 12, 1e-2
-
-
-def symmetric(factor: Factor) -> Factor:
-    """The factorised symmetric part of a tangent."""
-    return factor.factor if isinstance(factor, SkewFactor) else factor
 
 
 class Newton:
@@ -74,7 +69,7 @@ class Newton:
         self,
         *,
         tolerance: float,
-        reference: float,
+        reference: Reference,
         loads: Floats,
         max_iterations: int,
         report: Callable[[Progress], None] | None = None,
@@ -90,7 +85,7 @@ class Newton:
         residual, reason, iteration = np.inf, "iteration limit", 0
         for iteration in range(max_iterations + 1):
             force = self.free_force()
-            residual = float(np.linalg.norm(force)) / reference
+            residual = float(np.linalg.norm(force)) / force_now(reference)
             if report is not None:
                 report(Progress(iteration=iteration, residual=residual, seconds=time.perf_counter() - started))
             if not np.isfinite(residual) or not np.isfinite(energy):
@@ -133,7 +128,9 @@ class Newton:
 
     def factorised(self, *, indefinite: bool = False) -> Factor | None:
         """The present tangent, factorised; see :meth:`.LinearSolver.factorise`."""
-        factor = self.tangent.solver.factorise(self.tangent.assemble(), indefinite=indefinite)
+        blocks = self.tangent.assemble()
+        loose = self._loose(blocks) if indefinite else None
+        factor = self.tangent.solver.factorise(blocks, loose, indefinite=indefinite)
         return self._whole(factor, self.skew())
 
     def skew(self) -> Skew | None:
@@ -150,6 +147,23 @@ class Newton:
         """Potential energy at the present displacements, from which the work of pressures without a potential is counted."""
         self._skew = self.skew()
         return self._settled_energy(loads)
+
+    def _loose(self, blocks: Floats) -> Floats | None:
+        """(node_count, 3) a stiffness for free components that nothing holds, such as a node amid slack triangles without pressure.
+
+        Their rows are zero: they take no part in any force, and whatever stiffness they get, the rest stays as it is. None where
+        there is no such component.
+        """
+        elimination = self.tangent.elimination
+        loose = self.free & (np.abs(blocks[elimination.node_block]).max(axis=2) == 0.0)
+        if not loose.any():
+            return None
+        beside = np.abs(blocks[elimination.edge_block])
+        column, row = elimination.edge_node.T
+        coupled = np.zeros(loose.shape)  # pressure couples nodes whose own block is zero
+        np.maximum.at(coupled, row, beside.max(axis=2))
+        np.maximum.at(coupled, column, beside.max(axis=1))
+        return np.where(loose & (coupled == 0.0), 1.0, 0.0)
 
     def _settled_energy(self, loads: Floats) -> float:
         """Potential energy at the present displacements, with the pressures of closed chambers set to what they are there."""
@@ -201,9 +215,10 @@ class Newton:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""
         at_rest = self._factor_at_rest()
         if self._skew is not None and self.shift == 0.0:
-            exact = self._outright(position, at_rest, loads)
-            if exact is not None:
-                return exact
+            at_rest = at_rest or self.factorised(indefinite=True)
+            found = None if at_rest is None else self._outright(position, at_rest, loads)
+            if found is not None:
+                return found
         blocks: Floats | None = None
         while True:
             factor: Factor | None
@@ -214,9 +229,9 @@ class Newton:
                 factor = self._shifted(blocks, self.shift)
             if factor is not None:
                 direction = factor.solve(force)
-                found = self._backtrack(position, energy, force, direction, loads)
-                if found is not None:
-                    position, energy, fraction = found
+                lower = self._backtrack(position, energy, force, direction, loads)
+                if lower is not None:
+                    position, energy, fraction = lower
                     if self.shift > 0.0:
                         position, energy = self._along_soft_mode(factor, position, energy, loads)
                     self._adapt_shift(fraction)
@@ -227,13 +242,12 @@ class Newton:
         self._return(position)
         return None
 
-    def _outright(self, position: Floats, at_rest: Factor | None, loads: Floats) -> tuple[Floats, float] | None:
+    def _outright(self, position: Floats, factor: Factor, loads: Floats) -> tuple[Floats, float] | None:
         """The exact step, where it lowers the residual: without a potential an indefinite symmetric part is no sign of instability.
 
         None where the symmetric part is definite, so that the work decides, or where the residual does not fall.
         """
-        factor = at_rest or self.factorised(indefinite=True)
-        if factor is None or symmetric(factor).negative == 0:
+        if symmetric(factor).negative == 0:
             return None
         force = self.free_force()
         direction, size, fraction = factor.solve(force), float(np.linalg.norm(force)), 1.0

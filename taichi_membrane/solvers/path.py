@@ -55,6 +55,8 @@ class PathPoint:
     def slope(self) -> float:
         """dλ/ds along the direction of travel."""
         length = float(np.linalg.norm(self.tangent))
+        if length == 0.0:
+            return np.inf  # the load moves nothing
         return float(np.copysign(1.0 / length, np.vdot(self.tangent, self.advance)))  # at the start: rising
 
 
@@ -83,6 +85,8 @@ class Path:
         None where the path is lost.
         """
         onwards = float(np.vdot(before.tangent, before.advance))
+        if not np.any(before.tangent):
+            return None, length  # the load moves nothing: there is no way along the path
         unit = before.tangent / np.linalg.norm(before.tangent) * (-1.0 if onwards < 0.0 else 1.0)
         spent = 0
         for _ in range(_HALVINGS):
@@ -119,7 +123,7 @@ class Path:
             self.membrane.set_displacement(position)
             self.apply(factor)
             force = self.newton.free_force()
-            residual = float(np.linalg.norm(force)) / self.reference(factor)
+            residual = self._residual(force, factor)
             if residual <= self.tolerance:
                 return self._point(position, factor, chord, iteration, residual)
             stiffness = self.newton.factorised(indefinite=True)
@@ -140,7 +144,7 @@ class Path:
             self.membrane.set_displacement(position)
             self.apply(factor)
             force = self.newton.free_force()
-            residual = float(np.linalg.norm(force)) / self.reference(factor)
+            residual = self._residual(force, factor)
             if residual <= self.tolerance:
                 return self._point(position, factor, advance, iteration, residual), iteration
             lowest = min(lowest, residual)
@@ -150,10 +154,18 @@ class Path:
             if stiffness is None:
                 break
             to_balance, tangent = stiffness.solve(force), self.tangent(stiffness, factor)
-            change = -float(np.vdot(advance, to_balance) / np.vdot(advance, tangent))
+            across = float(np.vdot(advance, tangent))
+            if across == 0.0:
+                break  # the path runs across the step: nothing to correct the load by
+            change = -float(np.vdot(advance, to_balance)) / across
             advance = advance + to_balance + change * tangent
             factor += change
         return None, iteration
+
+    def _residual(self, force: Floats, factor: float) -> float:
+        """Out-of-balance force over the reference; infinite where a step went so far astray that it overflows."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return float(np.linalg.norm(force)) / self.reference(factor)
 
     def _point(
         self, position: Floats, factor: float, advance: Floats, iterations: int, residual: float

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.mechanics.preparation import Floats
+
+# What a residual is compared with (force): fixed, or asked for at each iteration where it follows the state, as reactions do.
+Reference = float | Callable[[], float]
+
+
+def force_now(reference: Reference) -> float:
+    """A reference at the present state."""
+    return reference() if callable(reference) else reference
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,7 +25,7 @@ from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics.nodes import GROUPS
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.system import System
-from taichi_membrane.solvers.record import Progress, SolveRecord
+from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now
 
 RUNNING, CONVERGED, NOT_FINITE = 0, 1, 2
 
@@ -252,13 +252,13 @@ class Relaxation:
         self,
         *,
         tolerance: float,
-        reference: float,
+        reference: Reference,
         max_iterations: int,
         report: Callable[[Progress], None] | None = None,
     ) -> SolveRecord:
         """Relax from the present displacements until the residual is below ``tolerance`` times ``reference`` and the energy agrees.
 
-        :param reference: 2-norm of the applied nodal forces (force), to which the residual is compared.
+        :param reference: 2-norm of the acting nodal forces (force), to which the residual is compared; asked for at every look.
         :param report: called at every look of the host at the device.
         """
         started = time.perf_counter()
@@ -268,15 +268,16 @@ class Relaxation:
         best, best_at = np.inf, 0
         while done < max_iterations:
             batch = min(_POLL, next_refresh - done, max_iterations - done)
+            now = force_now(reference)
             for _ in range(batch):
-                self._iterate(aim, reference)
+                self._iterate(aim, now)
             done += batch
             if done == next_refresh:
                 self._refresh_mass(1)
             state = self.control[None]
             if report is not None:
                 report(Progress(iteration=done, residual=state.residual, seconds=time.perf_counter() - started))
-            if state.status == CONVERGED and (share := self._unsettled(start, reference)) > _SETTLED_SHARE:
+            if state.status == CONVERGED and (share := self._unsettled(start, now)) > _SETTLED_SHARE:
                 aim = state.residual * min(max(float(np.sqrt(_SETTLED_SHARE / share)), _LARGEST_FALL), _LEAST_FALL)
                 self.control.status[None], state.status = RUNNING, RUNNING
                 self.control.gain[None] = 0.0  # this iteration's force has had its effect on the velocity
@@ -292,7 +293,7 @@ class Relaxation:
         if state.status == RUNNING and done - best_at > _STAGNATION:
             reason = f"stagnated at a residual of {best:.1e}"
         if state.status == RUNNING and aim < tolerance:
-            share = 100.0 * float(np.sqrt(self._unsettled(start, reference)))
+            share = 100.0 * float(np.sqrt(self._unsettled(start, now)))
             reason += f"; displacements may be {share:.2g} % from equilibrium, though the residual is small enough"
         return SolveRecord(
             converged=state.status == CONVERGED,

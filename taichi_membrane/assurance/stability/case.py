@@ -25,6 +25,7 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import Model, build_mesh, build_model, with_scene_groups
 from taichi_membrane.simulation.results import StepResult
+from taichi_membrane.solvers.record import force_now
 
 Floats = NDArray[np.float64]
 Solver = Literal["newton", "hybrid", "relaxation"]
@@ -260,7 +261,7 @@ def _with_tangent(entry: Entry, work: Any, model: Model, last: StepResult) -> En
     work.equilibrium.apply(state)
     eigenvalue = largest_eigenvalue(work)
     asked = entry.converged and entry.residual is not None
-    moved = _moved_by_newton(work, last, work.equilibrium.reference(state)) if asked else None
+    moved = _moved_by_newton(work, last, force_now(work.equilibrium.reference(state))) if asked else None
     return replace(entry, eigenvalue=eigenvalue, moved=moved)
 
 
