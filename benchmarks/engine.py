@@ -60,7 +60,7 @@ def c_iterations(bound: ctypes.CDLL, work: Any) -> Callable[[int], None]:
 
     membrane = work.membrane
     mesh, fabric = membrane.structure.mesh, membrane.structure.fabrics[0]
-    start, corners = gather_lists(mesh.triangles, mesh.node_count)
+    start, corners = gather_lists(mesh.triangles.ravel(), mesh.node_count)
     zeros = np.zeros_like(mesh.points)
     geometry = membrane.geometry
     before = [

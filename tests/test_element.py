@@ -10,9 +10,9 @@ import pytest
 from oracle import Floats, Ints
 
 from taichi_membrane.device.runtime import Runtime
-from taichi_membrane.mechanics.membrane import Membrane
 from taichi_membrane.mechanics.preparation import FabricConstants
 from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mechanics.system import System
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SideStrain, WrinklingLaw
 
@@ -129,7 +129,7 @@ class Zoo:
     """Seven irregular closed bodies: every law with both side strains on random fabrics, one isotropic; two chambers."""
 
     bodies: list[Body]
-    membrane: Membrane
+    membrane: System
     loads: Floats
 
     def forces(self, u: Floats, pressures: Floats, loads: Floats) -> Floats:
@@ -157,7 +157,7 @@ def zoo(runtime_cpu: Runtime) -> Zoo:
         points = base * rng.uniform(0.6, 1.6, 3) + rng.uniform(-0.15, 0.15, base.shape) + [4.0 * number, 0, 0]
         parts.append((points, triangles, rng.normal(size=(20, 3)), fabric, number % 3 - 1))
     bodies, structure = joined(parts, loads=True)
-    return Zoo(bodies=bodies, membrane=Membrane(structure), loads=rng.normal(size=structure.mesh.points.shape))
+    return Zoo(bodies=bodies, membrane=System(structure), loads=rng.normal(size=structure.mesh.points.shape))
 
 
 def random_state(zoo: Zoo, seed: int, size: float = 0.2) -> Floats:
@@ -299,7 +299,7 @@ def test_pressure_on_closed_bodies(zoo: Zoo, seed: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def patches(runtime_cpu: Runtime) -> tuple[list[Body], Membrane]:
+def patches(runtime_cpu: Runtime) -> tuple[list[Body], System]:
     """Flat irregular patches, one for each law with each side strain, with one warp direction each."""
     rng = np.random.default_rng(11)
     moduli = oracle.random_moduli(rng, len(KINDS))
@@ -310,10 +310,10 @@ def patches(runtime_cpu: Runtime) -> tuple[list[Body], Membrane]:
         warp = np.tile(rng.normal(size=3), (len(triangles), 1))
         parts.append((points + np.array([0, 0, 10.0 * number]), triangles, warp, orthotropic(row, law, side), -1))
     bodies, structure = joined(parts, loads=False)
-    return bodies, Membrane(structure)
+    return bodies, System(structure)
 
 
-def affine(patches: tuple[list[Body], Membrane], gradient: Floats) -> tuple[Floats, Floats, Floats]:
+def affine(patches: tuple[list[Body], System], gradient: Floats) -> tuple[Floats, Floats, Floats]:
     """Displacements, stresses and forces of the map that takes (x, y) to gradient · (x, y), in every patch."""
     _, membrane = patches
     points = membrane.structure.mesh.points
@@ -330,7 +330,7 @@ STRETCHES = {
 
 
 @pytest.mark.parametrize("name", STRETCHES)
-def test_patch_test_of_green_strain_is_exact(patches: tuple[list[Body], Membrane], name: str) -> None:
+def test_patch_test_of_green_strain_is_exact(patches: tuple[list[Body], System], name: str) -> None:
     """A large affine map with a rotation out of the plane: one stress everywhere, no force at inner nodes."""
     turn = oracle.rotation(np.random.default_rng(13))[:, :2]
     u, stress, force = affine(patches, turn @ np.array(STRETCHES[name]))
@@ -345,7 +345,7 @@ def test_patch_test_of_green_strain_is_exact(patches: tuple[list[Body], Membrane
 
 
 def test_patch_test_of_engineering_strain_is_exact_in_the_limit_of_small_strain(
-    patches: tuple[list[Body], Membrane],
+    patches: tuple[list[Body], System],
 ) -> None:
     """Side strains of a finite affine map are no tensor: the stress scatters by the strain, relatively, at first order.
 
@@ -383,7 +383,7 @@ def test_open_surface_that_slides_in_a_plane_of_symmetry(runtime_cpu: Runtime) -
     held[np.setdiff1d(np.arange(len(points)), inner), 2] = True
     fabric = orthotropic(np.array([1.0, 1.0, 0.3, 1 / 2.6]), "none", "green")
     _, structure = joined([(points, triangles, np.tile(np.eye(3)[0], (len(triangles), 1)), fabric, 0)], loads=False)
-    membrane = Membrane(structure)
+    membrane = System(structure)
     membrane.set_pressures(np.array([0.5]))
     u = np.where(held, 0.0, rng.normal(size=points.shape) * 0.2)
     membrane.set_displacement(u)

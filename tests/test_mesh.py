@@ -110,11 +110,6 @@ TWO_TETRAS = np.concatenate((TETRA_TRIANGLES, TETRA_TRIANGLES[:, ::-1] + 4))
         ([*SQUARE_POINTS, [0, 0, 1], [0, 0, 2]], SQUARE_TRIANGLES, "2 of 6 nodes .* the first is node 4"),
         (SQUARE_POINTS, [[0, 1, 2], [0, 2, 3], [2, 0, 1]], r"elements 0 and 2 have the same three nodes \[0, 1, 2\]"),
         (SQUARE_POINTS, [[0, 1, 2], [0, 2, 3], [1, 0, 2]], "elements 0 and 2 have the same three nodes"),
-        (
-            [*SQUARE_POINTS, [0, 0, 1]],
-            [[0, 1, 2], [0, 2, 3], [0, 2, 4]],
-            r"3 elements \(0, 1, 2\) share the edge of nodes \(0, 2\)",
-        ),
         (SQUARE_POINTS, [[0, 1, 2], [0, 3, 2]], r"elements 0 and 1 run along .* nodes \(0, 2\).*1 such edges"),
         (TETRA_POINTS, TETRA_TRIANGLES[:, ::-1], "inside out: its enclosed volume is -0.166667"),
         (

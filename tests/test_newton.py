@@ -11,9 +11,9 @@ import pytest
 from taichi_membrane import shapes
 from taichi_membrane.errors import InputError
 from taichi_membrane.execution.run import run
-from taichi_membrane.mechanics.membrane import Membrane
 from taichi_membrane.mechanics.preparation import FabricConstants, nodal_pressure
 from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
@@ -50,7 +50,7 @@ def test_tangent_is_the_derivative_of_the_forces(moduli: dict[str, Any], side_st
     if slanted:
         random_axes = np.random.default_rng(1).normal(size=(mesh.node_count, 3, 3))
         frame = np.linalg.qr(random_axes)[0]
-    membrane = Membrane(structure(mesh, FabricConstants(**moduli, side_strain=side_strain), held, frame))
+    membrane = System(structure(mesh, FabricConstants(**moduli, side_strain=side_strain), held, frame))
     membrane.set_pressures(np.array([0.7]))
     start = np.random.default_rng(0).normal(size=mesh.points.shape) * 0.05
     tangent = Tangent(membrane)
@@ -76,7 +76,7 @@ def test_negative_pivots_count_negative_eigenvalues() -> None:
     mesh = shapes.sphere(radius=1.0, divisions=2)
     held = np.zeros((mesh.node_count, 3), dtype=bool)
     held[3], held[5, 1], held[0, :2] = True, True, True
-    membrane = Membrane(structure(mesh, FabricConstants(**ISOTROPIC), held))
+    membrane = System(structure(mesh, FabricConstants(**ISOTROPIC), held))
     tangent = Tangent(membrane)
     membrane.set_pressures(np.array([-20.0]))  # sucked hard: the sphere is unstable
     eigenvalues = np.linalg.eigvalsh(tangent.matrix().toarray())
@@ -91,7 +91,7 @@ def test_convergence_is_quadratic() -> None:
     mesh = shapes.tube(radius=25.0, length=100.0, around=16, along=16)
     held = np.zeros((mesh.node_count, 3), dtype=bool)
     held[mesh.node_groups["start"]] = True
-    membrane = Membrane(
+    membrane = System(
         structure(mesh, FabricConstants(e_warp=4000, e_weft=4000, poisson=0.1, shear=4000 / 2.2, thickness=0.1), held)
     )
     membrane.set_pressures(np.array([0.35]))

@@ -143,7 +143,6 @@ MOEBIUS += [[8, 9, 1], [1, 9, 0]]
     ("points", "triangles", "fault"),
     [
         (STRIP, MOEBIUS, "run along their common edge"),
-        ([*SQUARE, [0, 0, 1.0]], [[0, 1, 2], [0, 2, 3], [0, 2, 4]], "3 elements .* share the edge"),
         (SQUARE, [[0, 1, 2], [0, 2, 3], [2, 0, 1]], "have the same three nodes"),
         (SQUARE, [[0, 1, 2], [3, 2, 3]], "repeats a node"),
     ],

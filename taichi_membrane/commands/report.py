@@ -14,11 +14,12 @@ from rich.text import Text
 
 from taichi_membrane.mesh import survey
 from taichi_membrane.output.tables import Column, check_columns, error_text, step_columns, tolerance_text, with_unit
-from taichi_membrane.scene import Fabric, Scene, Stage
+from taichi_membrane.scene import Cable, Fabric, Scene, Stage
 from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, stage_values
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import RunResult
+from taichi_membrane.simulation.solver_choice import without_potential
 
 _GAP = 2  # blanks between columns
 
@@ -195,6 +196,9 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
             for item in scene.supports
         ),
         *((kind.name, f"{name}: {kind.words(item)}") for kind in DRIVERS for name, item in kind.defined(scene).items()),
+        *(("pressure", line) for line in _potential_lines(model)),
+        *(("cable", f"{name}: {_cable_line(item)}") for name, item in scene.cables.items()),
+        *(("plane", f"{name}: through {list(item.through)}, for {item.group}") for name, item in scene.planes.items()),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         ("probes", ", ".join(scene.probes) or "none"),
         ("checks", str(len(scene.checks)) if scene.checks else "none"),
@@ -205,6 +209,20 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
     for label, text in lines:
         _print_wrapped(console, f"{label if label != before else '':<11}", text)
         before = label
+
+
+def _potential_lines(model: Model) -> list[str]:
+    """Whether the follower pressures have a potential, where there are any."""
+    if not model.chambers:
+        return []
+    where = without_potential(model)
+    return [f"without a potential at {where}: unsymmetric tangent, no energy" if where else "has a potential"]
+
+
+def _cable_line(cable: Cable) -> str:
+    """Where cables run."""
+    place = cable.along or cable.lines or " to ".join(cable.nodes or ())
+    return f"{cable.kind}, EA {cable.EA:g}, {'from ' if cable.nodes else 'along '}{place}"
 
 
 def _counts(groups: Mapping[str, Sized]) -> str:

@@ -9,17 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_membrane.algebra.multifrontal import Factor
-from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats, Ints, volume_gradient
+from taichi_membrane.mechanics.system import System
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chamber:
+class ShutChamber:
     """A chamber whose valve is shut.
 
     :param number: number of its pressure among the membrane's.
-    :param triangles: numbers of the triangles that enclose it.
+    :param triangles: numbers of the triangles that enclose it; ``sign`` (k,) 1 where their normals point out of it, else -1.
     :param rest_volume: volume they enclose at rest.
     :param ambient: absolute pressure outside.
     :param exponent: n; 1 for constant temperature.
@@ -28,6 +28,7 @@ class Chamber:
 
     number: int
     triangles: Ints
+    sign: Ints
     rest_volume: float
     ambient: float
     exponent: float
@@ -56,7 +57,7 @@ class Chamber:
 class Gas:
     """The closed chambers of a membrane."""
 
-    def __init__(self, membrane: Membrane, chambers: tuple[Chamber, ...]) -> None:
+    def __init__(self, membrane: System, chambers: tuple[ShutChamber, ...]) -> None:
         self.membrane = membrane
         self.chambers = chambers
 
@@ -83,17 +84,17 @@ class Gas:
         inner += np.array([[np.vdot(a, b) for b in softened] for a in gradients])
         # Sylvester's law on the bordered matrix, whose inertia can be read both ways.
         negative = factor.negative + int((np.linalg.eigvalsh(inner) > 0.0).sum()) - len(self.chambers)
-        return CoupledFactor(factor, gradients, softened, inner, negative)
+        return CoupledFactor(factor, gradients, resistance, softened, inner, negative)
 
     def _volumes(self) -> list[float]:
         swept = self.membrane.swept_volumes(self.membrane.displacement())
-        return [chamber.rest_volume + float(swept[chamber.triangles].sum()) for chamber in self.chambers]
+        return [chamber.rest_volume + float(chamber.sign @ swept[chamber.triangles]) for chamber in self.chambers]
 
-    def _gradient(self, chamber: Chamber) -> Floats:
+    def _gradient(self, chamber: ShutChamber) -> Floats:
         """(node_count, 3) ∂V/∂x in the supports' axes."""
         mesh = self.membrane.structure.mesh
         places = mesh.points + self.membrane.displacement()
-        return self.membrane.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles]))
+        return self.membrane.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles], chamber.sign))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +106,7 @@ class CoupledFactor:
 
     factor: Factor
     gradients: list[Floats]
+    resistance: list[float]
     softened: list[Floats]
     inner: Floats
     negative: int
@@ -116,3 +118,15 @@ class CoupledFactor:
         for share, softened in zip(shares, self.softened, strict=True):
             solution = solution - share * softened
         return solution
+
+    def solve_transposed(self, right: Floats) -> Floats:
+        """The same: the matrix is symmetric."""
+        return self.solve(right)
+
+    def residual(self, solution: Floats, right: Floats) -> float:
+        """Backward error of a solution, in largest components, over the size of the matrix without the gas."""
+        gas = sum(
+            stiffness * np.vdot(gradient, solution) * gradient
+            for stiffness, gradient in zip(self.resistance, self.gradients, strict=True)
+        )
+        return self.factor.residual(solution, right - gas)

@@ -61,6 +61,38 @@ class FabricConstants:
         }  # fmt: skip
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cables:
+    """Straight two-node elements, each with T = T₀ + EA (l - L)/L.
+
+    :param nodes: (n, 2) node numbers.
+    :param length: (n,) unstressed lengths L, which need not be the distances of the nodes at rest.
+    :param stiffness: (n,) EA [force].
+    :param prestress: (n,) T₀, the force at the unstressed length.
+    :param bar: (n,) True where compression is borne; elsewhere T is zero where it would be negative.
+    """
+
+    nodes: Ints
+    length: Floats
+    stiffness: Floats
+    prestress: Floats
+    bar: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plane:
+    """A rigid plane that nodes touch without friction and do not pass: n · x ≥ n · a.
+
+    :param normal: unit normal n, to the side where the structure is.
+    :param through: a point a of it.
+    :param nodes: numbers of the nodes that it holds up.
+    """
+
+    normal: Floats
+    through: Floats
+    nodes: Ints
+
+
 @dataclass(frozen=True, kw_only=True)
 class TriangleGeometry:
     """Per triangle: side lengths at rest (m, 3), area (m,), strain matrix G (m, 3, 3) with ε = G δ, unit warp and weft (m, 3)."""
@@ -114,15 +146,16 @@ def project_on_elements(directions: Floats, normals: Floats, elements: Ints, whe
     return tangent / length[:, None]
 
 
-def gather_lists(triangles: Ints, node_count: int) -> tuple[Ints, Ints]:
-    """Start of each node's list (node_count + 1,) and the list of corners (3 · tri_count,), a corner being 3·triangle + corner.
+def gather_lists(slots: Ints, node_count: int) -> tuple[Ints, Ints]:
+    """Start of each node's list (node_count + 1,) and the list of slots: numbers of the ends of elements at each node, ascending.
 
     Sums over these lists replace atomic additions, whose order and therefore last bits change from run to run.
+
+    :param slots: node of each slot.
     """
-    flat = triangles.reshape(-1)
-    order = np.argsort(flat, kind="stable").astype(np.int32)
+    order = np.argsort(slots, kind="stable").astype(np.int32)
     start = np.zeros(node_count + 1, dtype=np.int32)
-    np.cumsum(np.bincount(flat, minlength=node_count), out=start[1:])
+    np.cumsum(np.bincount(slots, minlength=node_count), out=start[1:])
     return start, order
 
 
@@ -132,10 +165,13 @@ def nodal_pressure(mesh: Mesh, tri_pressure: Floats) -> Floats:
     return sum_to_nodes(mesh, np.repeat(force, 3, axis=0))
 
 
-def volume_gradient(points: Floats, triangles: Ints) -> Floats:
-    """(node_count, 3) ∂V/∂x of the volume that triangles enclose: a sixth of (b - a) × (c - a) of each at its three corners."""
+def volume_gradient(points: Floats, triangles: Ints, share: Floats | Ints) -> Floats:
+    """(node_count, 3) ∂V/∂x of the volume that triangles enclose: a sixth of (b - a) × (c - a) of each at its three corners.
+
+    :param share: how often each triangle's volume counts; -1 where its normal points inwards.
+    """
     corners = points[triangles]
-    vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 6.0
+    vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * (share / 6.0)[:, None]
     columns = [np.bincount(triangles.ravel(), np.repeat(c, 3), minlength=len(points)) for c in vector.T]
     return np.stack(columns, axis=1)
 
@@ -147,16 +183,25 @@ def sum_to_nodes(mesh: Mesh, corner_values: Floats) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def edge_parts(triangles: Ints, edges: Ints) -> NDArray[np.int32]:
-    """(edge_count, 2) the one or two triangle sides on each edge, a side being 3·triangle + side; -1 for none."""
-    near, far = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()
-    low, high = np.minimum(near, far).astype(np.int64), np.maximum(near, far)
-    count = int(triangles.max()) + 1
-    number = np.searchsorted(edges[:, 0].astype(np.int64) * count + edges[:, 1], low * count + high)
-    order = np.argsort(number, kind="stable").astype(np.int32)
-    parts = np.full((len(edges), 2), -1, dtype=np.int32)
-    ordered = number[order]
-    first = np.concatenate([[True], ordered[1:] != ordered[:-1]])
-    parts[ordered[first], 0] = order[first]
-    parts[ordered[~first], 1] = order[~first]
-    return parts
+def sides_of(triangles: Ints) -> Ints:
+    """(3 · tri_count, 2) nodes of the triangles' sides, side a from corner a+1 to corner a+2."""
+    return np.column_stack([np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()])
+
+
+def edge_keys(pairs: Ints, node_count: int) -> NDArray[np.int64]:
+    """A number for each pair of nodes (n, 2), whichever comes first; ascending with the lower node."""
+    return pairs.min(axis=1).astype(np.int64) * node_count + pairs.max(axis=1)
+
+
+def pair_lists(pairs: Ints, edges: Ints, rows: Ints, node_count: int) -> tuple[Ints, Ints]:
+    """Start of each edge's list (edge_count + 1,) and the list of pairs: numbers of those on each edge, ascending, or the
+    complement where the block of a pair has to be transposed.
+
+    :param pairs: (n, 2) nodes of the rows and of the columns of the block that each pair stores.
+    :param edges: (edge_count, 2) sorted, the lower node first; ``rows`` the node of the rows of each edge's block.
+    """
+    edge = np.searchsorted(edge_keys(edges, node_count), edge_keys(pairs, node_count))
+    order = np.argsort(edge, kind="stable").astype(np.int32)
+    start = np.zeros(len(edges) + 1, dtype=np.int32)
+    np.cumsum(np.bincount(edge, minlength=len(edges)), out=start[1:])
+    return start, np.where(pairs[order, 0] == rows[edge[order]], order, ~order).astype(np.int32)

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from taichi_membrane.algebra.elimination import Elimination, kept_elimination
 from taichi_membrane.mechanics import preparation
-from taichi_membrane.mechanics.preparation import FabricConstants, Floats, Ints, TriangleGeometry
+from taichi_membrane.mechanics.preparation import Cables, FabricConstants, Floats, Ints, Plane, TriangleGeometry
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import WrinklingLaw
+
+PressureKind = Literal["none", "uniform", "by_chamber", "by_side"]
 
 
 @dataclass(frozen=True)
@@ -29,17 +31,20 @@ class Variant:
 class Features:
     """What a scene uses. Each flag decides both a field's allocation and a kernel's branch; nothing else does.
 
-    ``pressure``: ``none``, ``uniform`` (one value on all triangles) or ``by_chamber`` (a chamber number per triangle).
+    ``pressure``: ``none``, ``uniform`` (one value on all triangles), ``by_chamber`` (a chamber number per triangle) or ``by_side``
+    (one for each side of a triangle).
     ``several_fabrics``: a fabric number per triangle. ``prestress``: a strain offset per fabric. ``loads``: a load vector per node.
-    ``slanted``: held directions other than x, y, z, with a frame per node.
+    ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``planes``: how many.
     """
 
     variants: tuple[Variant, ...]
     several_fabrics: bool
     prestress: bool
-    pressure: Literal["none", "uniform", "by_chamber"]
+    pressure: PressureKind
     loads: bool
     slanted: bool
+    cables: bool
+    planes: int
 
     def describe(self) -> tuple[list[str], list[str]]:
         """Names of what is compiled in and of what is left out."""
@@ -52,23 +57,28 @@ class Features:
             "several fabrics": self.several_fabrics,
             "prestress": self.prestress,
             "follower pressure": self.pressure != "none",
-            "several pressures": self.pressure == "by_chamber",
+            "several pressures": self.pressure in ("by_chamber", "by_side"),
+            "pressure on both sides": self.pressure == "by_side",
             "dead loads": self.loads,
             "slanted supports": self.slanted,
+            "cables": self.cables,
+            "contact with planes": self.planes > 0,
         }
         return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Structure:
-    """A mesh with its fabrics, supports and the surfaces that pressure acts on; all the engine needs to know.
+    """A mesh with its fabrics, supports, the surfaces that pressure acts on, cables and planes; all that mechanics needs to know.
 
     :param tri_fabric: (tri_count,) number of each triangle's fabric in ``fabrics``.
     :param tri_warp: (tri_count, 3) warp direction, projected on the element.
     :param node_held: (node_count, 3) True where a displacement component is held or prescribed.
     :param node_frame: (node_count, 3, 3) rows are the axes that ``node_held`` refers to at each node; x, y, z when None.
-    :param tri_chamber: (tri_count,) number of the pressure acting on each triangle, -1 for none.
+    :param tri_chamber: (tri_count,) number of the chamber behind each triangle, whose pressure acts along its normal; -1 for none.
     :param loads: whether dead nodal loads will be given.
+    :param tri_ahead: (tri_count,) number of the chamber before each triangle, whose pressure acts against its normal; -1 for none.
+        None where all are -1.
     """
 
     mesh: Mesh
@@ -79,11 +89,25 @@ class Structure:
     tri_chamber: Ints
     loads: bool = True
     node_frame: Floats | None = None
+    tri_ahead: Ints | None = None
+    cables: Cables | None = None
+    planes: tuple[Plane, ...] = ()
+
+    @property
+    def points(self) -> Floats:
+        """(node_count, 3) unstressed positions."""
+        return self.mesh.points
+
+    @property
+    def node_count(self) -> int:
+        """Number of nodes."""
+        return self.mesh.node_count
 
     @property
     def chamber_count(self) -> int:
         """Number of pressures."""
-        return int(self.tri_chamber.max()) + 1
+        ahead = -1 if self.tri_ahead is None else int(self.tri_ahead.max())
+        return max(int(self.tri_chamber.max()), ahead) + 1
 
     @cached_property
     def geometry(self) -> TriangleGeometry:
@@ -91,32 +115,69 @@ class Structure:
         return preparation.triangle_geometry(self.mesh, self.tri_warp)
 
     @cached_property
-    def node_corners(self) -> tuple[Ints, Ints]:
-        """The triangle corners at each node; see :func:`preparation.gather_lists`."""
-        return preparation.gather_lists(self.mesh.triangles, self.mesh.node_count)
+    def slots(self) -> Ints:
+        """Node of each slot: the triangles' corners, then the cables' ends."""
+        corners = self.mesh.triangles.ravel()
+        return corners if self.cables is None else np.concatenate([corners, self.cables.nodes.ravel()])
 
     @cached_property
-    def edge_parts(self) -> Ints:
-        """The triangle sides along each edge; see :func:`preparation.edge_parts`."""
-        return preparation.edge_parts(self.mesh.triangles, self.mesh.edges())
+    def pairs(self) -> Ints:
+        """(n, 2) nodes of the rows and columns of each block that couples two ends of an element: triangles' sides, then cables."""
+        sides = preparation.sides_of(self.mesh.triangles)
+        return sides if self.cables is None else np.concatenate([sides, self.cables.nodes])
+
+    @cached_property
+    def edges(self) -> Ints:
+        """(edge_count, 2) nodes that any element couples, the lower number first; sorted."""
+        if self.cables is None:
+            return self.mesh.edges()
+        keys = np.unique(preparation.edge_keys(self.pairs, self.node_count))
+        return np.column_stack(np.divmod(keys, self.node_count)).astype(np.int32)
+
+    @cached_property
+    def node_slots(self) -> tuple[Ints, Ints]:
+        """The slots at each node; see :func:`preparation.gather_lists`."""
+        return preparation.gather_lists(self.slots, self.node_count)
+
+    @cached_property
+    def edge_pairs(self) -> tuple[Ints, Ints]:
+        """The pairs on each edge; see :func:`preparation.pair_lists`."""
+        return preparation.pair_lists(self.pairs, self.edges, self.elimination.edge_node[:, 1], self.node_count)
+
+    @cached_property
+    def pressure_edges(self) -> tuple[Ints, Ints]:
+        """Edges (k, 2) where pressures end or jump, and how often each chamber's boundary runs along them, (k, chamber_count)."""
+        corners, table = self.mesh.triangles, self.mesh.edge_table
+        along = np.where(corners < np.roll(corners, -1, axis=1), 1, -1).ravel()[table.half_edges]
+        sense = np.zeros((len(table.start), self.chamber_count), dtype=np.int64)
+        for chambers, side in ((self.tri_chamber, 1), (self.tri_ahead, -1)):
+            if chambers is not None:
+                of_side = chambers[table.half_edges // 3]
+                for number in range(self.chamber_count):
+                    sense[:, number] += np.add.reduceat(np.where(of_side == number, side * along, 0), table.start)
+        ends = np.flatnonzero(sense.any(axis=1))
+        return table.nodes[ends].astype(np.int64), sense[ends]
 
     @cached_property
     def elimination(self) -> Elimination:
         """Symbolic factorisation of the tangent."""
-        return kept_elimination(self.mesh.points, self.mesh.edges())
+        return kept_elimination(self.points, self.edges)
 
     def prepare(self, *, matrix: bool) -> None:
         """Compute now what the engine will ask for; ``matrix`` with what only a direct solver needs."""
-        _ = self.geometry, self.node_corners
+        _ = self.geometry, self.node_slots
         if matrix:
-            _ = self.edge_parts, self.elimination.additions, self.elimination.groups, self.elimination.entries
+            _ = self.edge_pairs, self.elimination.additions, self.elimination.groups, self.elimination.entries
 
     def features(self) -> Features:
         """What this structure uses."""
         used = [self.fabrics[k] for k in np.unique(self.tri_fabric)]
         variants = tuple(dict.fromkeys(variant_of(fabric) for fabric in used))
-        if np.all(self.tri_chamber < 0):
-            pressure: Literal["none", "uniform", "by_chamber"] = "none"
+        pressure: PressureKind
+        if self.tri_ahead is not None:
+            pressure = "by_side"
+        elif np.all(self.tri_chamber < 0):
+            pressure = "none"
         else:
             pressure = "uniform" if np.all(self.tri_chamber == 0) else "by_chamber"
         return Features(
@@ -126,6 +187,8 @@ class Structure:
             pressure=pressure,
             loads=self.loads,
             slanted=self.node_frame is not None,
+            cables=self.cables is not None,
+            planes=len(self.planes),
         )
 
 

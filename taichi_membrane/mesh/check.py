@@ -118,17 +118,12 @@ def check_elements(
 
 
 def check_edges(triangles: NDArray[np.int32], table: EdgeTable, where: str, hint: str = "") -> None:
-    """Refuse duplicate triangles, edges of more than two triangles, and neighbours with opposite normals."""
+    """Refuse duplicate triangles, and neighbours with opposite normals.
+
+    Any number of triangles may meet at an edge. Where more than two do, no orientation suits all of them: that is asked of each
+    chamber (:mod:`taichi_membrane.simulation.chambers`).
+    """
     _check_duplicates(triangles, table, where)
-    bad = np.flatnonzero(table.tri_count > 2)
-    if bad.size:
-        edge = int(bad[0])
-        at = table.triangles_at(edge)
-        raise MeshFault(
-            f"{where}: {len(at)} elements ({_listed(at)}) share the edge of nodes {_pair(table, edge)}, at most 2 can; "
-            f"{bad.size} such edges in all",
-            elements=at,
-        )
     tail = triangles.reshape(-1)[table.half_edges]
     head = triangles[:, [1, 2, 0]].reshape(-1)[table.half_edges]
     ascending = np.add.reduceat((tail < head).astype(np.int64), table.start)
@@ -186,11 +181,11 @@ def inverted_bodies(
 ) -> tuple[list[int], NDArray[np.int32], NDArray[np.float64]]:
     """Return the closed parts that are inside out, the part of each node, and the enclosed volume of each part.
 
-    A cavity inside a larger body, whose own normals point into it, is right and is not among them.
+    A cavity inside a larger body, whose own normals point into it, is right and is not among them; nor is a body with inner walls.
     """
     count, label = node_parts(table.nodes, len(points))
     closed = np.ones(count, dtype=bool)
-    closed[label[table.nodes[table.tri_count == 1, 0]]] = False
+    closed[label[table.nodes[table.tri_count != 2, 0]]] = False
     volume = part_volumes(points, triangles, label)
     area = np.bincount(label[triangles[:, 0]], weights=tri_area, minlength=count)
     negative = np.flatnonzero(closed & (volume < -FLAT_BODY * area**1.5))

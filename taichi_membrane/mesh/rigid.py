@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.mesh.topology import node_parts
 
 if TYPE_CHECKING:
     from taichi_membrane.mesh import Mesh
@@ -20,19 +21,24 @@ SAME_DIRECTION = 1e-6
 
 
 def rigid_motions_left(
-    mesh: Mesh, node_fixed: NDArray[np.bool_], node_frame: NDArray[np.float64] | None = None
+    mesh: Mesh,
+    node_fixed: NDArray[np.bool_],
+    node_frame: NDArray[np.float64] | None = None,
+    ties: NDArray[np.integer[Any]] | None = None,
 ) -> list[str]:
     """Describe in words every rigid motion the held degrees of freedom do not prevent, for each connected part.
 
     :param node_fixed: (node_count, 3) True where a displacement component is prescribed.
     :param node_frame: (node_count, 3, 3) rows are each node's own axes, which ``node_fixed`` then refers to; x, y, z when None.
+    :param ties: (n, 2) nodes that something beside the triangles joins; how a chain of them can move in itself is not told.
     :return: for example ``translation along x`` or ``rotation about z through (0, 0, 0)``; empty when all is held.
     :raises InputError: ``node_fixed`` has another shape.
     """
     fixed = np.asarray(node_fixed, dtype=bool)
     if fixed.shape != mesh.points.shape:
         raise InputError(f"node_fixed must have shape {mesh.points.shape}, got {fixed.shape}")
-    label = mesh.components()
+    edges = mesh.edges() if ties is None else np.concatenate((mesh.edges(), ties)).astype(np.int32)
+    label = node_parts(edges, mesh.node_count)[1]
     order = np.argsort(label, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(label))[:-1])
     told: list[str] = []
@@ -50,6 +56,7 @@ def _motions(points: NDArray[np.float64], fixed: NDArray[np.bool_], frames: NDAr
     origin = points[held].mean(axis=0) if held.any() else points.mean(axis=0)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     free = _null_space(_held_modes((points[held] - origin) / size, fixed[held], frames[held]))
+    free = _that_move((points - origin) / size, free)
     translations = free @ _null_space(free[3:])
     told = [f"translation along {_direction(t)}" for t in _readable_basis(translations[:3])]
     for axis in _readable_basis(free[3:]):
@@ -57,6 +64,15 @@ def _motions(points: NDArray[np.float64], fixed: NDArray[np.bool_], frames: NDAr
         motion = free @ np.linalg.lstsq(free[3:], axis, rcond=RANK_TOLERANCE)[0]
         told.append(_rotation(motion[:3] * size, axis, origin, size))
     return told
+
+
+def _that_move(arms: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The motions (6, k) less those that move no node: a straight chain does not turn about itself."""
+    if not free.shape[1] or np.linalg.matrix_rank(arms - arms[0], tol=RANK_TOLERANCE) > 1:
+        return free
+    all_modes = _held_modes(arms, np.ones_like(arms, dtype=bool), np.broadcast_to(np.eye(3), (len(arms), 3, 3)))
+    _, values, right = np.linalg.svd(np.linalg.qr(all_modes, mode="r") @ free)
+    return free @ right[: int((values > RANK_TOLERANCE).sum())].T
 
 
 def _held_modes(

@@ -93,8 +93,8 @@ class Mesh:
         :param digit: size of the coordinates' last digit [length]; found from the points when None.
         :param lines, line_groups, loose_points, loose_groups, notes: as the fields of those names.
         :raises InputError: wrong shapes, coordinates that are not finite, node numbers out of range, degenerate or
-            duplicate elements, unused nodes, edges of three elements, neighbours of opposite orientation, free edges that nearly
-            coincide, a closed body that is inside out, an empty group or one with numbers out of range.
+            duplicate elements, unused nodes, neighbours of opposite orientation, free edges that nearly coincide, a closed body
+            that is inside out, an empty group or one with numbers out of range.
         """
         xyz = check.as_points(points, where)
         corners = check.as_triangles(triangles, len(xyz), where)
@@ -173,6 +173,11 @@ class Mesh:
     def _edges(self) -> EdgeTable:
         return edge_table(self.triangles, self.node_count)
 
+    @property
+    def edge_table(self) -> EdgeTable:
+        """The unique edges and the half-edges along each."""
+        return self._edges
+
     def edges(self) -> NDArray[np.int32]:
         """Return the unique edges (edge_count, 2), lower node number first, sorted."""
         return self._edges.nodes
@@ -182,6 +187,10 @@ class Mesh:
         single = self._edges.half_edges[self._edges.start[self._edges.tri_count == 1]]
         triangle, corner = np.divmod(single, 3)
         return np.column_stack((self.triangles[triangle, corner], self.triangles[triangle, (corner + 1) % 3]))
+
+    def junction_edges(self) -> NDArray[np.int32]:
+        """Return the edges of more than two triangles (n, 2), where walls meet; lower node number first."""
+        return self._edges.nodes[self._edges.tri_count > 2]
 
     @property
     def is_closed(self) -> bool:

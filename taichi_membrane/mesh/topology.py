@@ -21,7 +21,7 @@ class EdgeTable:
     :param nodes: (edge_count, 2) int32, the lower node number first; sorted.
     :param half_edges: (3 tri_count,) half-edge numbers, those of one edge next to each other.
     :param start: (edge_count,) where the half-edges of an edge begin in ``half_edges``.
-    :param tri_count: (edge_count,) number of triangles at the edge: 1 on a boundary, 2 inside.
+    :param tri_count: (edge_count,) number of triangles at the edge: 1 on a boundary, 2 inside, more where walls meet.
     """
 
     nodes: NDArray[np.int32]

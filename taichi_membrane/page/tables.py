@@ -120,7 +120,10 @@ def _supports(result: RunResult) -> Table:
 
 def _loads(result: RunResult) -> Table:
     scene = result.scene
-    rows = [[f"pressure {name}", one.group, one.kind, ""] for name, one in scene.pressures.items()]
+    rows = [
+        [f"pressure {name}", one.group if isinstance(one.group, str) else ", ".join(one.group), one.kind, ""]
+        for name, one in scene.pressures.items()
+    ]
     for name, load in scene.loads.items():
         rows.append([f"load {name}", load.group, load.kind, ", ".join(f"{part:g}" for part in load.direction)])
     return Table("loads-given", "Pressures and loads", ["name", "group", "kind", "direction"], rows)

@@ -6,6 +6,7 @@ from taichi_membrane.scene.base import (
     Component,
     Vector,
 )
+from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import (
     AnnulusShape,
     ArchShape,
@@ -60,6 +61,7 @@ __all__ = [
     "AnnulusShape",
     "ArchShape",
     "AreaProbe",
+    "Cable",
     "Camera",
     "Check",
     "Component",
@@ -81,6 +83,7 @@ __all__ = [
     "MomentProbe",
     "Motion",
     "PanelShape",
+    "Plane",
     "Pressure",
     "Probe",
     "RadiusProbe",

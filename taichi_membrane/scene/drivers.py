@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from taichi_membrane.scene.support import Rotation, Translation
 
 if TYPE_CHECKING:
-    from taichi_membrane.scene.models import Load, Scene, Stage, Units
+    from taichi_membrane.scene.models import Load, Pressure, Scene, Stage, Units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,10 +61,20 @@ def _motion_unit(units: Units, motion: Translation | Rotation) -> str:
     return units.length if math.isclose(math.hypot(*motion.direction), 1.0, rel_tol=1e-6) else ""
 
 
+def _pressed(pressure: Pressure) -> str:
+    """What a pressure acts on, in words."""
+    against = f", against the normals of {_joined(pressure.against)}" if pressure.against else ""
+    return f"on {_joined(pressure.group)}{against}"
+
+
+def _joined(groups: str | list[str]) -> str:
+    return groups if isinstance(groups, str) else ", ".join(groups)
+
+
 DRIVERS: tuple[DriverKind, ...] = (
     DriverKind(
         name="pressure", table="pressures", key="pressure", unit=lambda units, _: units.stress,
-        words=lambda item: f"{item.kind}, on {item.group}",
+        words=lambda item: f"{item.kind}, {_pressed(item)}",
     ),
     DriverKind(
         name="load", table="loads", key="loads", unit=_load_unit, words=lambda item: f"{item.kind} on {item.group}",

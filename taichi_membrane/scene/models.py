@@ -27,6 +27,7 @@ from taichi_membrane.scene.base import (
     Record,
     Vector,
 )
+from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
 from taichi_membrane.scene.support import Motion, Support
@@ -151,15 +152,19 @@ class Fabric(Record):
 
 
 class Pressure(Record):
-    """A surface that pressure acts on, by element group.
+    """A surface that pressure acts on, by element groups.
 
+    It acts along the normals of ``group`` and against those of ``against``. A wall between two chambers, whose normals point from
+    one into the other, is in ``group`` of the first and in ``against`` of the second.
     ``follower`` pressure stays normal to the moving surface; ``fixed`` keeps direction and size of the unstressed shape. Pressures
     are above ``ambient``, the absolute pressure outside, which only stages that shut the valve (``closed``) need; the gas then
     keeps p_abs Vⁿ with n = ``exponent``: 1 at constant temperature, 1.4 for air that exchanges no heat.
     """
 
-    group: GroupName = "all"
-    """Element group that it acts on; ``all`` is every element."""
+    group: GroupName | Annotated[list[GroupName], _FEW] = "all"
+    """Element groups along whose normals it acts; ``all`` is every element."""
+    against: GroupName | Annotated[list[GroupName], _FEW] = []
+    """Element groups against whose normals it acts: walls whose normals point into the chamber."""
     kind: Literal["follower", "fixed"] = "follower"
     """``follower`` stays normal to the moving surface, ``fixed`` keeps direction and size of the unstressed shape."""
     ambient: Positive | None = None
@@ -419,6 +424,10 @@ class Scene(Record):
     """Fabric of all elements that no entry of ``fabrics`` names."""
     fabrics: Annotated[dict[Name, Fabric], _FEW] = {}
     """Fabric of each element group."""
+    cables: Annotated[dict[Name, Cable], _FEW] = {}
+    """Cables and bars by name."""
+    planes: Annotated[dict[Name, Plane], Field(max_length=8)] = {}
+    """Planes that nodes touch and do not pass, by name."""
     supports: Annotated[list[Support], _FEW] = []
     """What is held."""
     pressures: Annotated[dict[Name, Pressure], _FEW] = {"inside": Pressure()}
@@ -482,6 +491,7 @@ class Scene(Record):
             _known(self.modes.stage, names, "modes.stage", "a stage")
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
             raise ValueError("modes and derivatives need the tangent of solver.kind 'hybrid' or 'newton'")
+        self._check_planes()
         if self.curve is not None:
             allowed = [*self.probes, "volume", "pressure", *drivers.driver_names(self)]
             _known(self.curve.x, allowed, "curve.x", "a quantity")
@@ -494,6 +504,17 @@ class Scene(Record):
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self
+
+    def _check_planes(self) -> None:
+        """Refuse what takes the tangent in contact for that of the structure: it holds springs, where the planes are rigid."""
+        if self.planes:
+            told = "is not implemented for a scene with planes"
+            if self.derivatives or self.modes is not None:
+                raise ValueError(f"{'derivatives' if self.derivatives else 'modes'} {told}")
+            for stage in self.stages:
+                if stage.control == "arc_length" or stage.until == "collapse":
+                    key = "control = 'arc_length'" if stage.control == "arc_length" else "until = 'collapse'"
+                    raise ValueError(f"stages.{stage.name}.{key} {told}")
 
     def _check_closed(self, stage: Stage) -> None:
         """Refuse a stage that shuts a valve it cannot shut."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from taichi_membrane.scene.base import Component, Direction, GroupName, Record, Vector
+from taichi_membrane.scene.base import Component, Direction, GroupName, Name, Record, Vector
 
 
 class DisplacementProbe(Record):
@@ -69,10 +69,12 @@ class RadiusProbe(Record):
 
 
 class VolumeProbe(Record):
-    """Volume enclosed by a closed body; for an open one, the volume swept since rest."""
+    """Volume enclosed by a closed body; for an open one, the volume swept since rest. ``pressure`` asks for one chamber's."""
 
     kind: Literal["volume"]
     """Enclosed, or swept, volume [length³]."""
+    pressure: Name | None = None
+    """Follower pressure whose chamber is meant; the whole body without it."""
 
 
 class StressProbe(Record):

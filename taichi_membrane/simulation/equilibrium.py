@@ -7,14 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from taichi_membrane.device import runtime
-from taichi_membrane.mechanics.gas import Chamber, Gas
-from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.mechanics.gas import Gas, ShutChamber
+from taichi_membrane.mechanics.rim import Rim
+from taichi_membrane.mechanics.system import System
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
 from taichi_membrane.simulation.load_step import LoadStep, Reached, Stiffest
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.way import Way
+from taichi_membrane.solvers.contact import Contact
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import Path
 from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now, joined
@@ -44,8 +46,9 @@ class Equilibrium:
     """One membrane with its solvers."""
 
     def __init__(self, model: Model) -> None:
-        self.membrane = Membrane(model.structure)
+        self.membrane = System(model.structure)
         self.relaxation = Relaxation(self.membrane)
+        self.contact = Contact(self.membrane, self.relaxation)
         self._made: Newton | None = None
         self._settle(model)
 
@@ -54,6 +57,7 @@ class Equilibrium:
         fits = self.membrane.accepts(model.structure)
         if fits:
             self.membrane.upload(model.structure)
+            self.contact.upload()
             self._settle(model)
         return fits
 
@@ -69,6 +73,7 @@ class Equilibrium:
         self.newton = self._made if self.kind != "relaxation" else None
         settings = model.scene.solver
         self.gas: Gas | None = None
+        self.rim = Rim.of(model.structure)
         self.tolerance = settings.tolerance or _DEFAULT_TOLERANCE[runtime.current().precision]
 
     def compile(self) -> None:
@@ -102,8 +107,9 @@ class Equilibrium:
         swept = self.membrane.swept_volumes(self.membrane.displacement()) if names else np.zeros(0)
         found = {}
         for name in names:
-            triangles, rest_volume = self.model.enclosing(self.model.pressure_names.index(name))
-            found[name] = (rest_volume + float(swept[triangles].sum()), state.pressures[name])
+            chamber = self.model.chambers[self.model.pressure_names.index(name)]
+            rest_volume = chamber.volume(self.model.structure.mesh.points)
+            found[name] = (rest_volume + float(chamber.sign @ swept[chamber.triangles]), state.pressures[name])
         self.gone_on(found)
 
     def handed_on(self) -> dict[str, tuple[float, float]]:
@@ -116,11 +122,13 @@ class Equilibrium:
         chambers = []
         for name, (volume, value) in shut.items():
             pressure, number = self.model.scene.pressures[name], self.model.pressure_names.index(name)
-            triangles, rest_volume = self.model.enclosing(number)
+            chamber = self.model.chambers[number]
+            rest_volume = chamber.volume(self.model.structure.mesh.points)
             chambers.append(
-                Chamber(
+                ShutChamber(
                     number=number,
-                    triangles=triangles,
+                    triangles=chamber.triangles,
+                    sign=chamber.sign,
                     rest_volume=rest_volume,
                     ambient=pressure.ambient or 0.0,
                     exponent=pressure.exponent,
@@ -207,18 +215,26 @@ class Equilibrium:
         return joined(*parts)
 
     def _relax(self, reference: Reference, limit: int, report: Report) -> SolveRecord:
-        return self.relaxation.solve(tolerance=self.tolerance, reference=reference, max_iterations=limit, report=report)
+        def work() -> SolveRecord:
+            return self.relaxation.solve(
+                tolerance=self.tolerance, reference=reference, max_iterations=limit, report=report
+            )
+
+        return self.contact.solve(work, self.tolerance, reference)
 
     def _newton(
         self, newton: Newton, state: LoadState, reference: Reference, limit: int, report: Report
     ) -> SolveRecord:
-        return newton.solve(
-            tolerance=self.tolerance,
-            reference=reference,
-            loads=self.model.nodal_loads(state),
-            max_iterations=limit,
-            report=report,
-        )
+        def work() -> SolveRecord:
+            return newton.solve(
+                tolerance=self.tolerance,
+                reference=reference,
+                loads=self.model.nodal_loads(state),
+                max_iterations=limit,
+                report=report,
+            )
+
+        return self.contact.solve(work, self.tolerance, reference)
 
     def path(self, way: Way) -> Path:
         """The equilibrium path in the share of a way, by arc length."""

@@ -111,8 +111,8 @@ class LoadStep:
             self.equilibrium.reference(self.way.after)
         )
         origin = self.way.rest(0.0) if balanced else None
-        if origin is None or not origin.stable or origin.stiffness is None:
-            return self._direct()
+        if origin is None or not origin.stable or origin.stiffness is None or self.membrane.planes:
+            return self._direct()  # planes are rigid, but springs in the tangent, which foretells nothing then
         return self._walk(origin)
 
     # ---- load control

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.scene import Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
@@ -18,7 +19,6 @@ from taichi_membrane.simulation.results import ModeResult, StepResult
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.state import State
 from taichi_membrane.simulation.way import Way
-from taichi_membrane.solvers.newton import AnyFactor
 from taichi_membrane.solvers.record import SolveRecord
 
 
@@ -38,8 +38,6 @@ class Measure:
         self.model = equilibrium.model
         self.equilibrium = equilibrium
         self.membrane = equilibrium.membrane
-        mesh = self.model.structure.mesh
-        self._rest_volume = mesh.enclosed_volume() if mesh.is_closed else 0.0
         self._has_energy = all(fabric.law != "clip" for fabric in self.model.structure.fabrics)
 
     def step(
@@ -78,8 +76,11 @@ class Measure:
             elements=self.membrane.element_state(),
         )
         values = present.fields()
-        volume = self._rest_volume + float(self.membrane.swept_volumes(displacement).sum())
+        swept = self.membrane.swept_volumes(displacement)
+        volume = self.model.rest_volume + float((self.model.enclosing * swept).sum())
         energy = self.membrane.potential_energy(dead)[0] if self._has_energy else None
+        if self.equilibrium.rim.at(self.membrane.pressures(), displacement) is not None:
+            energy = None  # follower pressure without a potential
         if energy is not None and self.equilibrium.gas is not None:
             energy += self.equilibrium.gas.energy()
         at_rest = self._at_rest(stage, course, share) if record.converged else AtRest()
@@ -89,7 +90,7 @@ class Measure:
             stage_step=k,
             drivers=state.values,
             fields=values,
-            probes=probes.evaluate(self.model, values, volume, state),
+            probes=probes.evaluate(self.model, values, swept, state),
             volume=volume,
             energy=energy,
             solver=record.method,
@@ -106,6 +107,11 @@ class Measure:
             unknown=self._unknown(stage, course, at_rest, converged=record.converged, limited=limit is not None),
             state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
             seconds=time.perf_counter() - started,
+            cable_forces=np.zeros(0) if self.membrane.cables is None else self.membrane.cables.forces(),
+            contact_forces={
+                name: float(plane.push().sum())
+                for name, plane in zip(self.model.scene.planes, self.membrane.planes, strict=True)
+            },
         )
         return probes.with_own(self.model, step)
 
@@ -121,7 +127,7 @@ class Measure:
         asked = self.model.scene.modes
         return asked if asked is not None and asked.stage in (None, stage) else None
 
-    def _tangent(self, stage: str) -> AnyFactor | None:
+    def _tangent(self, stage: str) -> Factor | None:
         """The factorised tangent at the present state, where it is used and not singular."""
         newton = self.equilibrium.newton
         return newton.at_rest() if newton is not None and self._tangent_asked(stage) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,12 @@ from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import FabricConstants, Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.mesh.topology import edge_table
-from taichi_membrane.scene import Fabric, Load, Pressure, Rotation, Scene, Translation
+from taichi_membrane.scene import Fabric, Load, Pressure, Rotation, Scene, Translation, VolumeProbe
 from taichi_membrane.scene.drivers import kind_named
+from taichi_membrane.simulation.chambers import Chamber, chambers_of, pressure_used, sides
+from taichi_membrane.simulation.groups import group_nodes, group_triangles, pressed_triangles
 from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.members import cables_of, planes_of, with_cable_nodes
 from taichi_membrane.simulation.results import ProbeFunction
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
@@ -64,7 +67,7 @@ class Model:
     """A scene made ready for the engine.
 
     :param structure: mesh, fabrics, supports and pressure surfaces.
-    :param pressure_names: name of each follower pressure, in the order of the structure's chamber numbers.
+    :param chambers: what each follower pressure acts on, in the order of the structure's chamber numbers.
     :param unit_forces: (n, 3) dead nodal forces at value 1 of each driver that has some, by names such as ``load.tip``.
     :param motions: prescribed motions of node groups.
     :param own_probes: what is measured at every load step beside the scene's probes, by name.
@@ -72,7 +75,7 @@ class Model:
 
     scene: Scene
     structure: Structure
-    pressure_names: tuple[str, ...]
+    chambers: tuple[Chamber, ...]
     unit_forces: Mapping[str, Floats]
     motions: Mapping[str, PrescribedMotion]
     own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
@@ -81,12 +84,47 @@ class Model:
         """The scene's fabrics with the element group of each, in the order of the structure's fabric numbers."""
         return _fabric_list(self.scene)
 
-    def enclosing(self, chamber: int) -> tuple[Ints, float]:
-        """Numbers of the triangles that a follower pressure acts on, and the volume they enclose at rest."""
-        mesh = self.structure.mesh
-        triangles = np.flatnonzero(self.structure.tri_chamber == chamber)
-        corners = mesh.points[mesh.triangles[triangles]] - mesh.points.mean(axis=0)
-        return triangles, float(np.linalg.det(corners).sum() / 6.0)
+    @property
+    def pressure_names(self) -> tuple[str, ...]:
+        """Name of each follower pressure, in the order of the structure's chamber numbers."""
+        return tuple(chamber.name for chamber in self.chambers)
+
+    def measured(self, probe: VolumeProbe) -> tuple[Ints, Floats, float]:
+        """Triangles that enclose the volume of a probe, the share of each, and the volume at rest; 0 for an open one.
+
+        :raises InputError: no such pressure, or one that is not used.
+        """
+        if probe.pressure is None:
+            return np.arange(self.structure.mesh.tri_count), self.enclosing, self.rest_volume
+        if probe.pressure not in self.pressure_names:
+            raise InputError(
+                f"probes: {probe.pressure!r} is no follower pressure that a stage uses; allowed: {', '.join(self.pressure_names)}"
+            )
+        chamber = self.chambers[self.pressure_names.index(probe.pressure)]
+        rest = chamber.volume(self.structure.mesh.points) if chamber.is_closed else 0.0
+        return chamber.triangles, chamber.sign.astype(np.float64), rest
+
+    @cached_property
+    def enclosing(self) -> Floats:
+        """(tri_count,) share of each triangle's swept volume in that of the structure.
+
+        A wall between two chambers has none; where elements branch, neither has what no pressure acts on.
+        """
+        behind, ahead = self.structure.tri_chamber >= 0, self.structure.tri_ahead
+        before = np.zeros_like(behind) if ahead is None else ahead >= 0
+        share = np.where(behind & before, 0.0, np.where(before, -1.0, 1.0))
+        if self.chambers and len(self.structure.mesh.junction_edges()):
+            share[~behind & ~before] = 0.0
+        return share
+
+    @cached_property
+    def rest_volume(self) -> float:
+        """Volume that the structure encloses at rest; 0 for an open one."""
+        mesh, outer = self.structure.mesh, np.flatnonzero(self.enclosing)
+        if mesh.is_closed and len(outer) == mesh.tri_count:
+            return mesh.enclosed_volume()
+        whole = Chamber("", mesh, outer, self.enclosing[outer].astype(np.int8))
+        return whole.volume(mesh.points) if len(outer) and whole.is_closed else 0.0
 
     def nodal_loads(self, state: LoadState) -> Floats:
         """(n, 3) dead nodal forces of all drivers."""
@@ -112,7 +150,10 @@ class Model:
         """2-norm of all applied nodal forces, to which residuals are compared: pressure on the unstressed shape, and dead loads."""
         structure = self.structure
         values = np.append(self.chamber_pressures(state), 0.0)  # chamber -1 is no pressure
-        pressing = preparation.nodal_pressure(structure.mesh, values[structure.tri_chamber])
+        on_triangles = values[structure.tri_chamber]
+        if structure.tri_ahead is not None:
+            on_triangles = on_triangles - values[structure.tri_ahead]
+        pressing = preparation.nodal_pressure(structure.mesh, on_triangles)
         dead = self.nodal_loads(state)
         return float(np.sqrt(np.vdot(pressing, pressing) + np.vdot(dead, dead)))
 
@@ -137,10 +178,11 @@ def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) 
 
 
 def with_scene_groups(scene: Scene, mesh: Mesh) -> Mesh:
-    """The mesh with the groups that the scene chooses by coordinates.
+    """The mesh with the loose points that cables use as nodes, and the groups that the scene chooses by coordinates.
 
     :raises InputError: a condition that cannot be read or that nothing meets; a name that is taken.
     """
+    mesh = with_cable_nodes(scene, mesh)
     chosen: dict[str, dict[str, Ints]] = {"nodes": {}, "elements": {}}
     for name, group in scene.groups.items():
         chosen[group.kind][name] = meshes.select(mesh, group.where, kind=group.kind, key=f"groups.{name}.where")
@@ -155,11 +197,13 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     """
     _check_memory(scene, mesh)
     fabrics, tri_fabric = _fabrics(scene, mesh)
-    tri_chamber, pressure_names = _chambers(scene, mesh)
+    chambers = chambers_of(scene, mesh)
+    tri_chamber, tri_ahead = sides(chambers, mesh.tri_count)
     unit_forces = _unit_forces(scene, mesh)
     held, frame = _held(scene, mesh)
     motions = _motions(scene, mesh, held, frame)
-    left = meshes.rigid_motions_left(mesh, held, frame)
+    cables = cables_of(scene, mesh)
+    left = meshes.rigid_motions_left(mesh, held, frame, None if cables is None else cables.nodes)
     if left:
         raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
     structure = Structure(
@@ -170,12 +214,15 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         node_held=held,
         node_frame=frame,
         tri_chamber=tri_chamber,
+        tri_ahead=tri_ahead,
         loads=bool(unit_forces),
+        cables=cables,
+        planes=planes_of(scene, mesh),
     )
     return Model(
         scene=scene,
         structure=structure,
-        pressure_names=pressure_names,
+        chambers=chambers,
         unit_forces=unit_forces,
         motions=motions,
         own_probes=dict(own_probes or {}),
@@ -193,28 +240,6 @@ def _check_memory(scene: Scene, mesh: Mesh) -> None:
             f"{steps} load steps of {mesh.node_count} nodes and {mesh.tri_count} elements with {len(scene.loads)} loads"
         )
         raise InputError(f"stages: the run {short}: {counts}; take fewer load steps or a coarser mesh")
-
-
-def group_nodes(mesh: Mesh, name: str, key: str) -> Ints:
-    """Node numbers of a named group.
-
-    :raises InputError: no such group; the message lists those that exist.
-    """
-    if name not in mesh.node_groups and name in mesh.loose_groups:
-        raise InputError(f"{key}: node group {name!r} holds only points that no element uses; choose nodes of the mesh")
-    if name not in mesh.node_groups:
-        raise InputError(f"{key}: no node group {name!r} in this mesh; allowed: {', '.join(mesh.node_groups)}")
-    return np.asarray(mesh.node_groups[name])
-
-
-def group_triangles(mesh: Mesh, name: str, key: str) -> Ints:
-    """Element numbers of a named group.
-
-    :raises InputError: no such group; the message lists those that exist.
-    """
-    if name not in mesh.tri_groups:
-        raise InputError(f"{key}: no element group {name!r} in this mesh; allowed: {', '.join(mesh.tri_groups)}")
-    return np.asarray(mesh.tri_groups[name])
 
 
 def _fabric_list(scene: Scene) -> list[tuple[str, Fabric]]:
@@ -290,44 +315,6 @@ def _turned(direction: Floats, normals: Floats, angle: float) -> Floats:
     return np.cos(angle) * direction + np.sin(angle) * np.cross(normals, direction)
 
 
-def _pressure_used(scene: Scene, name: str) -> bool:
-    """Whether any stage gives this pressure a value other than zero, or shuts it; others are left out of the model."""
-    for stage in scene.stages:
-        value = stage.pressure.get(name) if isinstance(stage.pressure, dict) else stage.pressure
-        if value or name in stage.closed:
-            return True
-    return False
-
-
-def _chambers(scene: Scene, mesh: Mesh) -> tuple[Ints, tuple[str, ...]]:
-    chamber = np.full(mesh.tri_count, -1, dtype=np.int32)
-    names: list[str] = []
-    for name, pressure in scene.pressures.items():
-        if pressure.kind != "follower" or not _pressure_used(scene, name):
-            continue
-        elements = group_triangles(mesh, pressure.group, f"pressures.{name}.group")
-        if np.any(chamber[elements] >= 0):
-            other = names[chamber[elements].max()]
-            raise InputError(f"pressures.{name}: group {pressure.group!r} overlaps that of pressure {other!r}")
-        if any(name in stage.closed for stage in scene.stages):
-            _check_closed(mesh, elements, name)
-        chamber[elements] = len(names)
-        names.append(name)
-    return chamber, tuple(names)
-
-
-def _check_closed(mesh: Mesh, elements: Ints, name: str) -> None:
-    """Refuse to shut a chamber whose elements leave a hole.
-
-    :raises InputError: with the number of free edges.
-    """
-    free = int((edge_table(mesh.triangles[elements], mesh.node_count).tri_count == 1).sum())
-    if free:
-        raise InputError(
-            f"pressures.{name}: a chamber that is shut must have no hole, but its {len(elements)} elements have {free} free edges"
-        )
-
-
 def _held(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats | None]:
     """Held components of each node, and the axes they refer to: None while all supports are along x, y, z."""
     held = np.zeros((mesh.node_count, 3), dtype=bool)
@@ -392,11 +379,12 @@ def _unit_forces(scene: Scene, mesh: Mesh) -> dict[str, Floats]:
 
 def _fixed_pressure(scene: Scene, mesh: Mesh, name: str, pressure: Pressure) -> Floats | None:
     """(n, 3) nodal forces of a pressure that keeps its direction, at value 1; None of others and of one that is never used."""
-    if pressure.kind != "fixed" or not _pressure_used(scene, name):
+    if pressure.kind != "fixed" or not pressure_used(scene, name):
         return None
-    mask = np.zeros(mesh.tri_count)
-    mask[group_triangles(mesh, pressure.group, f"pressures.{name}.group")] = 1.0
-    return preparation.nodal_pressure(mesh, mask)
+    share = np.zeros(mesh.tri_count)
+    for elements, sign in zip(pressed_triangles(mesh, pressure, f"pressures.{name}"), (1.0, -1.0), strict=True):
+        share[elements] += sign
+    return preparation.nodal_pressure(mesh, share)
 
 
 def _unit_load(scene: Scene, mesh: Mesh, name: str, load: Load) -> Floats:

@@ -9,12 +9,13 @@ from scipy.linalg import eigh
 from scipy.sparse import diags
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
+from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Floats, sum_to_nodes
 from taichi_membrane.scene import Modes
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import ModeResult
-from taichi_membrane.solvers.newton import AnyFactor, Newton
+from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import Path
 
 # Share of the way to a stage's target over which the change of the tangent is measured, for linearised buckling.
@@ -31,7 +32,7 @@ def nodal_mass(model: Model) -> Floats:
     return sum_to_nodes(structure.mesh, np.repeat(mass / 3.0, 3)[:, None])[:, 0]
 
 
-def vibration(newton: Newton, factor: AnyFactor, mass: Floats, asked: Modes) -> ModeResult:
+def vibration(newton: Newton, factor: Factor, mass: Floats, asked: Modes) -> ModeResult:
     """Small vibrations in vacuo about the present state: K φ = ω² M φ; the values are frequencies ω/2π.
 
     A negative value stands for an unstable mode, whose growth rate over 2π it is.
@@ -45,7 +46,7 @@ def vibration(newton: Newton, factor: AnyFactor, mass: Floats, asked: Modes) -> 
     return ModeResult(kind="vibration", values=tuple(values.tolist()), shapes=_shapes(newton, shapes))
 
 
-def buckling(path: Path, position: Floats, present: float, factor: AnyFactor, asked: Modes) -> ModeResult:
+def buckling(path: Path, position: Floats, present: float, factor: Factor, asked: Modes) -> ModeResult:
     """Shares of the way to a stage's target at which the tangent becomes singular, extrapolated linearly: (K + μ K') φ = 0.
 
     K' is the change of the tangent with the share, by central differences along the path's own direction. The values are
@@ -55,7 +56,7 @@ def buckling(path: Path, position: Floats, present: float, factor: AnyFactor, as
     tangent = path.tangent(factor, present)
     change = []
     for sign in (1.0, -1.0):
-        membrane.set_displacement(position + sign * _CHANGE * membrane.from_frames(tangent))
+        membrane.set_displacement(membrane.retract(position, sign * _CHANGE * tangent))
         path.apply(present + sign * _CHANGE)
         change.append(_free_matrix(newton))
     membrane.set_displacement(position)
@@ -92,7 +93,7 @@ def _free_matrix(newton: Newton) -> Any:
     return newton.tangent.matrix()[free][:, free]
 
 
-def _inverse(newton: Newton, factor: AnyFactor) -> LinearOperator:
+def _inverse(newton: Newton, factor: Factor) -> LinearOperator:
     """Solution with the factorised tangent over free components."""
     free = newton.free
 

@@ -14,8 +14,9 @@ from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
 from taichi_membrane.scene.base import Name
+from taichi_membrane.simulation.groups import group_nodes, group_triangles
 from taichi_membrane.simulation.load_state import LoadState
-from taichi_membrane.simulation.model import Model, group_nodes, group_triangles
+from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import CheckResult, FieldValues, StepResult
 
 _NAME = TypeAdapter[str](Name)
@@ -31,7 +32,9 @@ def validate(model: Model) -> None:
         key = f"probes.{name}.group"
         if isinstance(probe, scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe):
             group_triangles(mesh, probe.group, key)
-        elif not isinstance(probe, scenes.VolumeProbe | scenes.FactorProbe):
+        elif isinstance(probe, scenes.VolumeProbe):
+            model.measured(probe)
+        elif not isinstance(probe, scenes.FactorProbe):
             group_nodes(mesh, probe.group, key)
 
 
@@ -68,15 +71,19 @@ def with_own(model: Model, step: StepResult) -> StepResult:
     return replace(step, probes=values)
 
 
-def evaluate(model: Model, fields: FieldValues, volume: float, state: LoadState) -> dict[str, float]:
-    """Value of every probe of the scene, in its units."""
+def evaluate(model: Model, fields: FieldValues, swept: Floats, state: LoadState) -> dict[str, float]:
+    """Value of every probe of the scene, in its units.
+
+    :param swept: (tri_count,) volume that each triangle has swept since rest.
+    """
     mesh = model.structure.mesh
     displacement, reaction = fields["displacement"], fields["reaction"]
     values: dict[str, float] = {}
     for name, probe in model.scene.probes.items():
         key = f"probes.{name}.group"
         if isinstance(probe, scenes.VolumeProbe):
-            values[name] = volume
+            triangles, share, rest = model.measured(probe)
+            values[name] = rest + float((share * swept[triangles]).sum())
         elif isinstance(probe, scenes.FactorProbe):
             values[name] = state.values[probe.of]
         elif isinstance(probe, scenes.DisplacementProbe):

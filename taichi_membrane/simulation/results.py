@@ -68,7 +68,8 @@ class StepResult:
         and ``motions`` are those of one kind by their bare names.
     :param fields: the values of every field of :data:`taichi_membrane.fields.FIELDS` by name; see there for shapes and units.
     :param volume: enclosed volume of a closed body, else the volume swept since rest.
-    :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy.
+    :param energy: potential energy (strain energy less work of pressures and loads); None under a law without energy, and
+        where a pressure has no potential.
     :param converged: False marks a state that is *not* an equilibrium; ``reason`` says why.
     :param cuts: how often the step had to be halved.
     :param negative_pivots: negative eigenvalues of the tangent stiffness, 0 for a stable equilibrium; None where no tangent is
@@ -78,6 +79,8 @@ class StepResult:
     :param trace: what the step went through, each passage at a share of the stage's course.
     :param unknown: why there is no value of ``stable``, ``derivatives``, ``modes`` or ``limit``, of those that have none.
     :param state: what it hands to the next step: the run goes on from it.
+    :param cable_forces: (cable_count,) force of each cable element, in the scene's order, tension positive; not in a run's files.
+    :param contact_forces: sum of the forces of each plane on the structure along its normal; not in a run's files.
     """
 
     number: int
@@ -102,6 +105,8 @@ class StepResult:
     seconds: float
     unknown: Mapping[str, str] = field(default_factory=dict)
     trace: Trace = ()
+    cable_forces: Floats = field(default_factory=lambda: np.zeros(0))
+    contact_forces: dict[str, float] = field(default_factory=dict)
 
     @property
     def stable(self) -> bool | None:

@@ -1,6 +1,6 @@
 """Derivatives of probes with respect to loads, pressures and thicknesses by one extra solve per probe (adjoint).
 
-With F(u, θ) = 0 the out-of-balance forces and K = -∂F/∂u, a probe g(u) has dg/dθ = a·∂F/∂θ, where K a = ∂g/∂u.
+With F(u, θ) = 0 the out-of-balance forces and K = -∂F/∂u, a probe g(u) has dg/dθ = a·∂F/∂θ, where Kᵀ a = ∂g/∂u.
 """
 
 from __future__ import annotations
@@ -10,13 +10,15 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from taichi_membrane import scene as scenes
+from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats, volume_gradient
-from taichi_membrane.simulation.model import Model, group_nodes
-from taichi_membrane.solvers.newton import AnyFactor, Newton
+from taichi_membrane.simulation.groups import group_nodes
+from taichi_membrane.simulation.model import Model
+from taichi_membrane.solvers.newton import Newton
 
 
 def derivatives(
-    model: Model, newton: Newton, factor: AnyFactor, displacement: Floats, shut: Collection[int]
+    model: Model, newton: Newton, factor: Factor, displacement: Floats, shut: Collection[int]
 ) -> dict[str, dict[str, float]]:
     """Of each probe the scene names, by ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``, at the state at rest.
 
@@ -28,7 +30,7 @@ def derivatives(
     found = {}
     for name in model.scene.derivatives:
         gradient = newton.membrane.in_frames(_gradient(model, name, displacement))
-        adjoint = factor.solve(np.where(newton.free, gradient, 0.0))
+        adjoint = factor.solve_transposed(np.where(newton.free, gradient, 0.0))
         found[name] = {parameter: float(np.vdot(adjoint, force)) for parameter, force in forces.items()}
     return found
 
@@ -62,7 +64,8 @@ def _gradient(model: Model, name: str, displacement: Floats) -> Floats:
     probe, mesh = model.scene.probes[name], model.structure.mesh
     gradient = np.zeros_like(displacement)
     if isinstance(probe, scenes.VolumeProbe):
-        return volume_gradient(mesh.points + displacement, mesh.triangles)
+        triangles, share, _ = model.measured(probe)
+        return volume_gradient(mesh.points + displacement, mesh.triangles[triangles], share)
     assert isinstance(
         probe, scenes.DisplacementProbe | scenes.RadiusProbe | scenes.RotationProbe
     )  # the scene allows no other

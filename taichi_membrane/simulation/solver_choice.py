@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
+import numpy as np
+
 from taichi_membrane.device import runtime
 from taichi_membrane.errors import InputError
+from taichi_membrane.mechanics.rim import Rim
+from taichi_membrane.simulation.load_state import stage_targets
 from taichi_membrane.simulation.model import Model
 
 _GIB = 2.0**30
@@ -41,7 +45,23 @@ def chosen_solver(model: Model) -> SolverChoice:
                 raise InputError(f"stages.{stage.name}.closed needs Newton: {hindrance}")
             if stage.control == "arc_length":
                 raise InputError(f"stages.{stage.name}.control = 'arc_length' needs Newton: {hindrance}; use 'load'")
+    if scene.modes is not None and without_potential(model):
+        raise InputError(
+            f"modes.kind = '{scene.modes.kind}' needs a symmetric tangent, and follower pressure has no potential here: "
+            f"{without_potential(model)}"
+        )
     return SolverChoice("relaxation", hindrance) if hindrance and kind != "relaxation" else SolverChoice(kind)
+
+
+def without_potential(model: Model) -> str:
+    """Where follower pressure has no potential at the end of a stage; nothing where it always has one."""
+    rim = Rim.of(model.structure)
+    for stage, state in zip(model.scene.stages, stage_targets(model.scene), strict=True):
+        found = rim.at(model.chamber_pressures(state), np.zeros_like(model.structure.points))
+        if found is not None:
+            ends = [tuple(model.structure.points[node].tolist()) for node in found.nodes[0]]
+            return f"{len(found.nodes)} edges in stage {stage.name}, the first from {ends[0]} to {ends[1]}"
+    return ""
 
 
 def _hindrance(model: Model) -> str:

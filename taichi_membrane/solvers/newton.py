@@ -13,10 +13,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_membrane.algebra.multifrontal import Factor
-from taichi_membrane.mechanics.gas import CoupledFactor, Gas
-from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.algebra.protocol import DIRECT, Algebra, Factor
+from taichi_membrane.mechanics.gas import Gas
 from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.rim import Rim, Skew, SkewFactor, symmetric
+from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now
 from taichi_membrane.solvers.relaxation import Relaxation
@@ -31,29 +32,32 @@ _FIRST_SHIFT, _MARGIN, _MODE_ITERATIONS = 1e-6, 2.0, 3
 _POOR = 0.25
 # Armijo's share of the predicted decrease, and the shortest step tried before the shift is raised.
 _DECREASE, _SHORTEST = 1e-4, 1 / 64
+# Shortest exact step where the symmetric part is indefinite; shorter ones than a sixteenth lead nowhere (hypar sails, 16 cases).
+_SHORTEST_OUTRIGHT = 1 / 16
 # Energies agree to this share when round-off alone separates them; the residual then decides.
 _ENERGY_NOISE = 1e-13
 # Away from an unstable equilibrium: the first push, as a share of the sides there, and how exactly its direction is found.
 _FIRST_PUSH, _INVERSE_ITERATIONS, _DISTURBANCE = 1e-3, 12, 1e-2
 
 
-AnyFactor = Factor | CoupledFactor
-
-
 class Newton:
-    """Newton's method for one membrane; shares its fields with a relaxation, whose masses scale the shift.
+    """Newton's method for one system; shares its fields with a relaxation, whose masses scale the shift.
 
     Forces and steps here are (node_count, 3) in the axes that supports refer to, zero at held components.
+
+    :param algebra: solves its linear systems.
     """
 
-    def __init__(self, membrane: Membrane, relaxation: Relaxation) -> None:
+    def __init__(self, membrane: System, relaxation: Relaxation, algebra: Algebra = DIRECT) -> None:
         self.membrane = membrane
         self.relaxation = relaxation
-        self.tangent = Tangent(membrane)
+        self.tangent = Tangent(membrane, algebra)
         self.free: NDArray[np.bool_] = ~membrane.structure.node_held
         self.shift = 0.0
         self.gas: Gas | None = None
-        self._kept: tuple[Floats, Floats, AnyFactor] | None = None
+        self.rim = Rim.of(membrane.structure)
+        self._skew: Skew | None = None  # of the state that the present step starts from
+        self._kept: tuple[Floats, Floats, Factor] | None = None
         self._lowest = 0.0
         self._mode: Floats | None = None
 
@@ -77,7 +81,7 @@ class Newton:
         started = time.perf_counter()
         self.shift, self._lowest, self._mode = 0.0, 0.0, None
         position = self.membrane.displacement()
-        energy = self._settled_energy(loads)
+        energy = self._restarted(loads)
         residual, reason, iteration = np.inf, "iteration limit", 0
         for iteration in range(max_iterations + 1):
             force = self.free_force()
@@ -94,6 +98,8 @@ class Newton:
                     break
                 position, energy = found
                 continue
+            if self._skew is not None:
+                energy = self._restarted(loads)
             if iteration == max_iterations:
                 break
             found = self._step(position, energy, force, loads)
@@ -120,12 +126,27 @@ class Newton:
         """(node_count, 3) out-of-balance forces at free components."""
         return np.where(self.free, self.membrane.in_frames(self.membrane.out_of_balance()), 0.0)
 
-    def factorised(self, *, indefinite: bool = False) -> AnyFactor | None:
-        """The present tangent, factorised; see :meth:`Multifrontal.factorise`."""
+    def factorised(self, *, indefinite: bool = False) -> Factor | None:
+        """The present tangent, factorised; see :meth:`.LinearSolver.factorise`."""
         blocks = self.tangent.assemble()
         loose = self._loose(blocks) if indefinite else None
         factor = self.tangent.solver.factorise(blocks, loose, indefinite=indefinite)
-        return factor if factor is None or self.gas is None else self.gas.coupled(factor)
+        return self._whole(factor, self.skew())
+
+    def skew(self) -> Skew | None:
+        """Skew part of the present tangent; None where the present pressures have a potential."""
+        return self.rim.at(self.membrane.pressures(), self.membrane.displacement())
+
+    def _whole(self, factor: Factor | None, skew: Skew | None) -> Factor | None:
+        """The factorised sparse symmetric part with what shut chambers and pressures without a potential add."""
+        if factor is not None and self.gas is not None:
+            factor = self.gas.coupled(factor)
+        return factor if factor is None or skew is None else SkewFactor(factor, skew)
+
+    def _restarted(self, loads: Floats) -> float:
+        """Potential energy at the present displacements, from which the work of pressures without a potential is counted."""
+        self._skew = self.skew()
+        return self._settled_energy(loads)
 
     def _loose(self, blocks: Floats) -> Floats | None:
         """(node_count, 3) a stiffness for free components that nothing holds, such as a node amid slack triangles without pressure.
@@ -146,10 +167,14 @@ class Newton:
 
     def _settled_energy(self, loads: Floats) -> float:
         """Potential energy at the present displacements, with the pressures of closed chambers set to what they are there."""
-        if self.gas is None:
-            return self.membrane.potential_energy(loads)[0]
-        self.gas.settle()
-        return self.membrane.potential_energy(loads)[0] + self.gas.energy()
+        if self.gas is not None:
+            self.gas.settle()
+        energy = self.membrane.potential_energy(loads)[0]
+        if self.gas is not None:
+            energy += self.gas.energy()
+        if self._skew is not None:
+            energy += self._skew.work_beyond(self.membrane.displacement())
+        return energy
 
     def _return(self, position: Floats) -> None:
         """Go back to displacements, and pressures, that a trial step has left."""
@@ -157,7 +182,7 @@ class Newton:
         if self.gas is not None:
             self.gas.settle()
 
-    def at_rest(self) -> AnyFactor | None:
+    def at_rest(self) -> Factor | None:
         """The factorised tangent at the present state, indefinite or not; None where it is singular.
 
         It is kept, so that a load step that starts from here need not factorise again, nor who asks twice.
@@ -172,14 +197,15 @@ class Newton:
         """Take over the structure that is now in the membrane's fields, all chambers open."""
         self.tangent.upload()
         self.free = ~self.membrane.structure.node_held
-        self._kept, self.gas = None, None
+        self.rim = Rim.of(self.membrane.structure)
+        self._kept, self.gas, self._skew = None, None, None
 
-    def _factor_at_rest(self) -> AnyFactor | None:
+    def _factor_at_rest(self) -> Factor | None:
         """What :meth:`at_rest` kept, where it is still the tangent of this state."""
         kept, self._kept = self._kept, None
         return kept[2] if kept is not None and self._is_here(kept) else None
 
-    def _is_here(self, kept: tuple[Floats, Floats, AnyFactor]) -> bool:
+    def _is_here(self, kept: tuple[Floats, Floats, Factor]) -> bool:
         """Whether displacements and pressures are those of a kept factor; dead loads do not enter the tangent."""
         return np.array_equal(kept[0], self.membrane.displacement()) and np.array_equal(
             kept[1], self.membrane.pressures()
@@ -188,19 +214,24 @@ class Newton:
     def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""
         at_rest = self._factor_at_rest()
+        if self._skew is not None and self.shift == 0.0:
+            at_rest = at_rest or self.factorised(indefinite=True)
+            found = None if at_rest is None else self._outright(position, at_rest, loads)
+            if found is not None:
+                return found
         blocks: Floats | None = None
         while True:
-            factor: AnyFactor | None
+            factor: Factor | None
             if at_rest is not None and self.shift == 0.0:
-                factor = at_rest if at_rest.negative == 0 else None
+                factor = at_rest if symmetric(at_rest).negative == 0 else None
             else:
                 blocks = self.tangent.assemble() if blocks is None else blocks
                 factor = self._shifted(blocks, self.shift)
             if factor is not None:
                 direction = factor.solve(force)
-                found = self._backtrack(position, energy, force, direction, loads)
-                if found is not None:
-                    position, energy, fraction = found
+                lower = self._backtrack(position, energy, force, direction, loads)
+                if lower is not None:
+                    position, energy, fraction = lower
                     if self.shift > 0.0:
                         position, energy = self._along_soft_mode(factor, position, energy, loads)
                     self._adapt_shift(fraction)
@@ -211,26 +242,42 @@ class Newton:
         self._return(position)
         return None
 
-    def _shifted(self, blocks: Floats, shift: float) -> AnyFactor | None:
+    def _outright(self, position: Floats, factor: Factor, loads: Floats) -> tuple[Floats, float] | None:
+        """The exact step, where it lowers the residual: without a potential an indefinite symmetric part is no sign of instability.
+
+        None where the symmetric part is definite, so that the work decides, or where the residual does not fall.
+        """
+        if symmetric(factor).negative == 0:
+            return None
+        force = self.free_force()
+        direction, size, fraction = factor.solve(force), float(np.linalg.norm(force)), 1.0
+        while fraction >= _SHORTEST_OUTRIGHT:
+            trial = self.membrane.retract(position, fraction * direction)
+            self._return(trial)
+            if float(np.linalg.norm(self.free_force())) <= (1.0 - _DECREASE * fraction) * size:
+                return trial, self._settled_energy(loads)
+            fraction *= 0.5
+        self._return(position)
+        return None
+
+    def _shifted(self, blocks: Floats, shift: float) -> Factor | None:
         """The tangent with a shift, factorised; None where it is not definite."""
         factor = self.tangent.solver.factorise(blocks, shift * self._stiffness_bound() if shift > 0.0 else None)
-        return factor if factor is None or self.gas is None else self.gas.coupled(factor)
+        return self._whole(factor, self._skew)
 
-    def _along_soft_mode(
-        self, factor: AnyFactor, position: Floats, energy: float, loads: Floats
-    ) -> tuple[Floats, float]:
+    def _along_soft_mode(self, factor: Factor, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float]:
         """Where the tangent without its shift is indefinite, go on along the softest mode while the energy falls.
 
         Otherwise the shift lets steps creep along that mode, towards a saddle and away from it.
         """
         mode, self._lowest = self._softest(factor, self.shift, _MODE_ITERATIONS)
-        if self._lowest >= 0.0:
+        if self._lowest >= 0.0 or self._skew is not None:
             return position, energy
         return self._push(position, energy, mode, loads) or (position, energy)
 
-    def _softest(self, factor: AnyFactor, shift: float, iterations: int) -> tuple[Floats, float]:
+    def _softest(self, factor: Factor, shift: float, iterations: int) -> tuple[Floats, float]:
         """The mode of lowest curvature, by inverse iteration from the last one, and that curvature in units of the shift."""
-        bound, mode, value = self._stiffness_bound(), self._mode, 0.0
+        factor, bound, mode, value = symmetric(factor), self._stiffness_bound(), self._mode, 0.0
         if mode is None:  # a fixed start: runs repeat bit by bit
             mode = np.where(self.free, np.random.default_rng(0).standard_normal(self.free.shape), 0.0)
         for _ in range(iterations):
@@ -246,19 +293,26 @@ class Newton:
         """A lower state beside an equilibrium that is unstable; None where the equilibrium is stable (or indifferent).
 
         Where the last steps needed no shift, the tangent was positive definite already. Otherwise the softest mode is found by
-        inverse iteration, and the structure is pushed along it as far as the energy keeps falling.
+        inverse iteration, and the structure is pushed along it as far as the energy keeps falling. Pressures without a potential
+        have no energy that a push could lower.
         """
-        if self.shift == 0.0 or self._shifted(self.tangent.assemble(), _SMALLEST_SHIFT) is not None:
+        self._skew = self.skew()
+        if (
+            self._skew is not None
+            or self.shift == 0.0
+            or self._shifted(self.tangent.assemble(), _SMALLEST_SHIFT) is not None
+        ):
             return None
         mode = self._softest_mode()
         return None if mode is None else self._push(position, energy, mode, loads)
 
     def disturb(self) -> None:
         """Move along the softest mode a little, so that what symmetry holds in an unstable equilibrium can leave it."""
+        self._skew = None  # that of the symmetric part
         mode = self._softest_mode()
         if mode is not None:
             step = self._small(mode)
-            self._return(self.membrane.displacement() + _DISTURBANCE * step)
+            self._return(self.membrane.retract(self.membrane.displacement(), _DISTURBANCE * step))
 
     def _softest_mode(self) -> Floats | None:
         """The mode of lowest curvature at the present state, from a shift that has just become definite."""
@@ -279,7 +333,7 @@ class Newton:
         for sign in (1.0, -1.0):
             fraction = _FIRST_PUSH
             while fraction <= 1.0:
-                trial = position + sign * fraction * step
+                trial = self.membrane.retract(position, sign * fraction * step)
                 self.membrane.set_displacement(trial)
                 reached = self._settled_energy(loads)
                 if reached >= (energy if best is None else best[1]):
@@ -290,15 +344,18 @@ class Newton:
         return best
 
     def _small(self, mode: Floats) -> Floats:
-        """(node_count, 3) a mode, its largest component as large as the mesh's sides are where the mode moves.
+        """(node_count, 3) a mode, its largest component as large as sides and cables are where the mode moves.
 
         Sides are averaged with the mode's square: one needle somewhere else counts as little as it moves.
         """
-        mesh = self.membrane.structure.mesh
+        structure, moves = self.membrane.structure, (mode**2).sum(axis=1)
         sides = self.membrane.geometry.side_length.mean(axis=1)
-        share = (mode**2).sum(axis=1)[mesh.triangles].sum(axis=1)
+        share = moves[structure.mesh.triangles].sum(axis=1)
+        if structure.cables is not None:
+            sides = np.concatenate([sides, structure.cables.length])
+            share = np.concatenate([share, moves[structure.cables.nodes].sum(axis=1)])
         length = float(share @ sides) / float(share.sum())
-        return np.asarray(self.membrane.from_frames(mode / np.abs(mode).max() * length))
+        return np.asarray(mode / np.abs(mode).max() * length)
 
     def _stiffness_bound(self) -> Floats:
         """(node_count, 3) twice the fictitious masses at free components, the unit of the shift."""
@@ -321,11 +378,10 @@ class Newton:
         slope = float(np.vdot(force, direction))
         if not (np.isfinite(slope) and slope > 0.0):
             return None
-        step = self.membrane.from_frames(direction)
         noise = _ENERGY_NOISE * max(abs(energy), slope)
         fraction = 1.0
         while fraction >= _SHORTEST:
-            trial = position + fraction * step
+            trial = self.membrane.retract(position, fraction * direction)
             self.membrane.set_displacement(trial)
             reached = self._settled_energy(loads)
             if np.isfinite(reached) and reached <= energy - _DECREASE * fraction * slope + noise:
@@ -333,7 +389,7 @@ class Newton:
                 gain = (energy - reached) / (fraction * (1.0 - 0.5 * fraction) * slope)
                 while gain < _POOR and fraction >= _SHORTEST and energy - reached > noise:
                     fraction *= 0.5
-                    trial = position + fraction * step
+                    trial = self.membrane.retract(position, fraction * direction)
                     self.membrane.set_displacement(trial)
                     reached = self._settled_energy(loads)
                     if not reached < best[1] - noise:

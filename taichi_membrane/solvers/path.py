@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
-from taichi_membrane.solvers.newton import AnyFactor, Newton
+from taichi_membrane.solvers.newton import Newton
 
 # A step that takes few iterations is followed by a longer one, one that takes many by a shorter one.
 _MOST_ITERATIONS, _FEW, _MANY = 14, 4, 9
@@ -128,7 +129,7 @@ class Path:
             stiffness = self.newton.factorised(indefinite=True)
             if stiffness is None:
                 break
-            position = position + self.membrane.from_frames(stiffness.solve(force))
+            position = self.membrane.retract(position, stiffness.solve(force))
             if not float(np.linalg.norm(position - begin)) <= near:  # not a number, too
                 break
         return None
@@ -139,7 +140,7 @@ class Path:
         factor = before.factor + slope
         lowest = np.inf
         for iteration in range(_MOST_ITERATIONS + 1):
-            position = before.position + self.membrane.from_frames(advance)
+            position = self.membrane.retract(before.position, advance)
             self.membrane.set_displacement(position)
             self.apply(factor)
             force = self.newton.free_force()
@@ -185,7 +186,7 @@ class Path:
             residual=residual,
         )
 
-    def tangent(self, stiffness: AnyFactor, factor: float) -> Floats:
+    def tangent(self, stiffness: Factor, factor: float) -> Floats:
         """(node_count, 3) du/dλ at the present equilibrium, from its factorised tangent stiffness."""
         return stiffness.solve(self._unit_force(factor))
 

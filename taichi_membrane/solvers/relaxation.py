@@ -22,9 +22,9 @@ import numpy as np
 
 from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.fields import GROUPS
-from taichi_membrane.mechanics.membrane import Membrane
+from taichi_membrane.mechanics.nodes import GROUPS
 from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.system import System
 from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now
 
 RUNNING, CONVERGED, NOT_FINITE = 0, 1, 2
@@ -46,7 +46,7 @@ _STAGNATION, _STAGNATION_FALL = 20_000, 0.9
 class Relaxation:
     """Dynamic relaxation of one membrane; owns velocities, masses and the energy history."""
 
-    def __init__(self, membrane: Membrane) -> None:
+    def __init__(self, membrane: System) -> None:
         m = membrane
         self.membrane = m
         self.fp = m.fp
@@ -153,9 +153,10 @@ class Relaxation:
 
     @ti.kernel
     def _iterate(self, tolerance: float, reference: float):
-        ti.loop_config(block_dim=self.membrane.block_dim)
-        for t in range(self.membrane.bounds[None].triangles):
-            self.membrane.store_corner_forces(t)
+        for term in ti.static(self.membrane.terms):
+            ti.loop_config(block_dim=self.membrane.block_dim)
+            for e in range(term.count()):
+                term.store_forces(e)
         for block in range(self.membrane.bounds[None].node_blocks):
             if self.control[None].status == RUNNING:
                 gain = self.control[None].gain
@@ -177,15 +178,14 @@ class Relaxation:
 
     @ti.kernel
     def _refresh_mass(self, keep_larger: int):
-        ti.loop_config(block_dim=self.membrane.block_dim)
-        for t in range(self.membrane.bounds[None].triangles):
-            self.membrane.store_corner_stiffness(t)
+        for term in ti.static(self.membrane.terms):
+            ti.loop_config(block_dim=self.membrane.block_dim)
+            for e in range(term.count()):
+                term.store_bounds(e)
         self.control[None].mass_grew = 0
         ti.loop_config(block_dim=self.membrane.block_dim)
         for i in range(self.membrane.bounds[None].nodes):
-            mass = ti.cast(0.0, self.fp)
-            for c in range(self.membrane.node_corner_start[i], self.membrane.node_corner_start[i + 1]):
-                mass += 0.5 * self.membrane.tri_corner_force[self.membrane.node_corner[c]][0]
+            mass = self.membrane.gathered_mass(i)
             if keep_larger == 1:
                 if mass >= _GROWTH * self.node_mass[i]:
                     self.control[None].mass_grew = 1  # whoever writes, it is the same number

@@ -158,7 +158,7 @@ ANY = [
         "three triangles at an edge",
         "o.obj",
         O_SHEET + "v 1 1 5\nf 1 5 10\n",
-        r"3 elements \(0, 1, 8\) share the edge of nodes \(0, 4\)",
+        Read(triangles=9, area=4.0 + 12.5**0.5, nodes=10),
     ),
     Case(
         "any",

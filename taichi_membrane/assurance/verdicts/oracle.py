@@ -76,10 +76,10 @@ def tangent(work: Any, model: Model, step: StepResult) -> sparse.csr_matrix | Fl
     full: Floats = stiffness.toarray()
     places = model.structure.mesh.points + step.displacement
     for name in shut:
-        triangles, _ = model.enclosing(model.pressure_names.index(name))
-        corners = places[model.structure.mesh.triangles[triangles]]
-        volume = float(np.linalg.det(corners - places.mean(axis=0)).sum() / 6.0)
-        gradient = volume_gradient(places, model.structure.mesh.triangles[triangles])
+        chamber = model.chambers[model.pressure_names.index(name)]
+        corners = model.structure.mesh.triangles[chamber.triangles]
+        volume = float(chamber.sign @ np.linalg.det(places[corners] - places.mean(axis=0)) / 6.0)
+        gradient = volume_gradient(places, corners, chamber.sign)
         gradient = work.membrane.in_frames(gradient).ravel()[free]
         gas = model.scene.pressures[name]
         absolute = step.pressures[name] + (gas.ambient or 0.0)

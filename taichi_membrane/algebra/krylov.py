@@ -1,0 +1,44 @@
+"""GMRES without restart, for few unknowns and dear products."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from taichi_membrane.mechanics.preparation import Floats
+
+# A new direction this small beside the right-hand side is round-off: the space holds the solution.
+_EXHAUSTED = 1e-15
+
+
+def gmres(product: Callable[[Floats], Floats], right: Floats, *, tolerance: float, most: int) -> Floats:
+    """Solution of A x = ``right`` with a residual of ``tolerance`` times it, or the best after ``most`` products.
+
+    Y. Saad and M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986).
+    """
+    size = float(np.linalg.norm(right))
+    if size == 0.0:
+        return right
+    basis: list[Floats] = [right / size]
+    columns: list[Floats] = []
+    share: Floats = np.zeros(0)
+    for k in range(1, min(most, len(right)) + 1):
+        vector, column = product(basis[-1]), np.zeros(k + 1)
+        for _ in range(2):  # once leaves round-off, twice is enough
+            parts = np.array([one @ vector for one in basis])
+            column[:k] += parts
+            vector = np.asarray(vector - parts @ np.array(basis), dtype=np.float64)
+        column[k] = np.linalg.norm(vector)
+        columns.append(column)
+        hessenberg = np.zeros((k + 1, k))
+        for j, one in enumerate(columns):
+            hessenberg[: len(one), j] = one
+        aim = np.zeros(k + 1)
+        aim[0] = size
+        share = np.asarray(np.linalg.lstsq(hessenberg, aim, rcond=None)[0], dtype=np.float64)
+        left = float(np.linalg.norm(hessenberg @ share - aim))
+        if left <= tolerance * size or column[k] <= _EXHAUSTED * size:
+            break
+        basis.append(vector / column[k])
+    return np.asarray(share @ np.array(basis[: len(share)]))

@@ -1,0 +1,58 @@
+"""What solvers of linear systems have to offer: Newton is handed one and knows no more of it than this."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from taichi_membrane.algebra.elimination import Elimination, eliminate
+from taichi_membrane.algebra.multifrontal import Multifrontal
+from taichi_membrane.mechanics.preparation import Floats, Ints
+
+
+class Factor(Protocol):
+    """A factorised matrix. Vectors are (node_count, 3), by nodes."""
+
+    @property
+    def negative(self) -> int:
+        """Number of negative eigenvalues."""
+
+    def solve(self, right: Floats) -> Floats:
+        """x with K x = ``right``."""
+
+    def solve_transposed(self, right: Floats) -> Floats:
+        """x with Kᵀ x = ``right``."""
+
+    def residual(self, solution: Floats, right: Floats) -> float:
+        """Backward error |b - K x|/(|K| |x| + |b|) of a solution, in largest components: round-off where it is right."""
+
+
+class LinearSolver(Protocol):
+    """Factorises matrices of one pattern."""
+
+    def factorise(self, blocks: Floats, diagonal: Floats | None = None, *, indefinite: bool = False) -> Factor | None:
+        """Factorise a matrix; None where it is singular in double precision, or indefinite and that is not asked for."""
+
+
+class Algebra(Protocol):
+    """A way to solve linear systems of 3×3 blocks."""
+
+    def order(self, points: Floats, edges: Ints) -> Elimination:
+        """Where the blocks of nodes at ``points`` (n, 3), coupled by ``edges`` (m, 2), go."""
+
+    def solver(self, pattern: Elimination, threads: int) -> LinearSolver:
+        """A solver for matrices of a pattern."""
+
+
+class Direct:
+    """Our multifrontal factorisation."""
+
+    def order(self, points: Floats, edges: Ints) -> Elimination:
+        """Nested dissection."""
+        return eliminate(points, edges)
+
+    def solver(self, pattern: Elimination, threads: int) -> LinearSolver:
+        """A multifrontal solver."""
+        return Multifrontal(pattern, threads)
+
+
+DIRECT = Direct()

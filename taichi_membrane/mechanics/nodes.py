@@ -1,0 +1,204 @@
+"""Taichi fields of a structure's nodes: allocation, upload, what a run changes in them, and their place in space.
+
+The mesh and everything that never changes is uploaded once. A feature the structure does not use owns no field.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.device import runtime
+from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.structure import Features, Structure
+
+# Sums run over this many fixed blocks, each added in order: the same bits whatever thread takes which block.
+_CPU_BLOCKS = 128
+_GPU_BLOCK_LENGTH = 16
+# On a GPU the many blocks are summed in so many groups at most, before these are.
+GROUPS = 256
+_BOUNDS = ("nodes", "node_block_length", "node_blocks", "group_length", "groups")
+# Share of the structure's size: 24 bits then hold displacements of up to 32 sizes, and what is left to the rest is below this.
+_QUANTUM = 2.0**-19
+
+
+Array: Any = ti.types.ndarray()
+
+
+class Nodes:
+    """Nodes of one structure; :class:`taichi_membrane.mechanics.system.System` adds the terms that act on them.
+
+    Each node gathers *slots*: one for each end of each element at it, whatever the element. Kernels know no sizes: loops end at
+    ``bounds``. Another structure that fits may take this one's place, which compiles nothing.
+    """
+
+    def __init__(self, structure: Structure) -> None:
+        active = runtime.current()
+        self.features: Features = structure.features()
+        self.fp: Any = ti.f64 if active.precision == "f64" else ti.f32
+        self.dtype: Any = np.float64 if active.precision == "f64" else np.float32
+        self.on_cpu = active.on_cpu
+        # What a thread takes at a time (on a GPU: threads of a block); left to itself Taichi makes it 32 where it does not know
+        # the loop's end.
+        self.block_dim = 512 if active.on_cpu else 128
+        # Single precision resolves a displacement of 10 mm to 5e-7 mm; a stiff fabric answers that with forces that keep the
+        # cantilever's residual above 1e-5 of its load. The part that is rounded off is kept beside it, so that differences of
+        # displacements keep all their digits.
+        self.split_displacement = active.precision == "f32"
+        fp, nodes, slots = self.fp, structure.node_count, len(structure.slots)
+        self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())
+        self.node_rest = ti.Vector.field(3, fp, shape=nodes)
+        self.node_displacement = ti.Vector.field(3, fp, shape=nodes)
+        if self.split_displacement:
+            self.node_displacement_rest = ti.Vector.field(3, fp, shape=nodes)
+            self.quantum = ti.field(fp, shape=())
+        self.node_held = ti.Vector.field(3, ti.i32, shape=nodes)
+        self.node_slot_start = ti.field(ti.i32, shape=nodes + 1)
+        self.node_slot = ti.field(ti.i32, shape=slots)
+        self.slot_force = ti.Vector.field(3, fp, shape=slots)
+        largest = max(nodes, structure.mesh.tri_count)
+        self.block_sum = ti.Vector.field(2, fp, shape=_CPU_BLOCKS if self.on_cpu else -(-largest // _GPU_BLOCK_LENGTH))
+        if self.features.slanted:
+            self.node_frame = ti.Matrix.field(3, 3, fp, shape=nodes)
+        if self.features.loads:
+            self.node_load = ti.Vector.field(3, fp, shape=nodes)
+
+    def accepts(self, structure: Structure) -> bool:
+        """Whether another structure fits these fields and the kernels compiled for them: same features, no larger."""
+        return (
+            structure.features() == self.features
+            and structure.node_count <= self.node_rest.shape[0]
+            and len(structure.slots) <= self.node_slot.shape[0]
+        )
+
+    def upload(self, structure: Structure) -> None:
+        """Put a structure that :meth:`accepts` lets through in place of the present one, at rest."""
+        self.structure, self.node_count = structure, structure.node_count
+        # The structure's own middle is the origin: coordinates far away would cost single precision its digits.
+        self.origin = 0.5 * (structure.points.min(axis=0) + structure.points.max(axis=0))
+        if self.features.slanted and structure.node_frame is not None:
+            fill(self.node_frame, structure.node_frame.astype(self.dtype))
+        length, blocks = blocks_of(self.node_count, self.on_cpu)
+        group_length = -(-blocks // GROUPS)
+        self._write_nodes(
+            (structure.points - self.origin).astype(self.dtype),
+            structure.node_held.astype(np.int32),
+            *structure.node_slots,
+            np.array([self.node_count, length, blocks, group_length, -(-blocks // group_length)], dtype=np.int32),
+        )
+        if self.split_displacement:
+            self._set_quantum()
+        self.set_displacement(np.zeros((self.node_count, 3)))
+
+    @ti.kernel
+    def _write_nodes(self, rest: Array, held: Array, slot_start: Array, slots: Array, bounds: Array):
+        """All that every structure has, in one kernel: compiling one for each field took seconds."""
+        for number in ti.static(range(len(_BOUNDS))):
+            self.bounds.get_member_field(_BOUNDS[number])[None] = bounds[number]
+        for i in range(rest.shape[0]):
+            for c in ti.static(range(3)):
+                self.node_rest[i][c] = rest[i, c]
+                self.node_held[i][c] = held[i, c]
+        for i in range(slot_start.shape[0]):
+            self.node_slot_start[i] = slot_start[i]
+        for s in range(slots.shape[0]):
+            self.node_slot[s] = slots[s]
+
+    def _set_quantum(self) -> None:
+        """The leading part of a displacement is a multiple of this power of two, so that no compiler can see through the split and
+        undo it."""
+        size = float(np.linalg.norm(np.ptp(self.structure.points, axis=0)))
+        self.displacement_quantum = float(2.0 ** np.floor(np.log2(size * _QUANTUM)))
+        self.quantum[None] = self.displacement_quantum
+
+    # ---- on the device
+
+    @ti.func
+    def displacement_difference(self, i, j):
+        """Displacement of node ``i`` less that of node ``j``."""
+        difference = self.node_displacement[i] - self.node_displacement[j]
+        if ti.static(self.split_displacement):
+            difference += self.node_displacement_rest[i] - self.node_displacement_rest[j]
+        return difference
+
+    @ti.func
+    def add_displacement(self, i, increment):
+        """Add to the displacement of node ``i``; what rounding drops from the leading part goes to the rest."""
+        if ti.static(self.split_displacement):
+            before = self.node_displacement[i]
+            change = increment + self.node_displacement_rest[i]
+            after = ti.round((before + change) / self.quantum[None]) * self.quantum[None]
+            self.node_displacement[i] = after
+            self.node_displacement_rest[i] = change + (before - after)
+        else:
+            self.node_displacement[i] += increment
+
+    @ti.func
+    def first_node(self, block):
+        """First node of a block of the deterministic sums, or the number of nodes past the last one."""
+        return ti.min(block * self.bounds[None].node_block_length, self.bounds[None].nodes)
+
+    # ---- what a run changes
+
+    def set_displacement(self, displacement: Floats) -> None:
+        """Set all nodal displacements, (node_count, 3) lengths."""
+        leading = np.ascontiguousarray(displacement, dtype=self.dtype)
+        if self.split_displacement:
+            leading = (np.round(displacement / self.displacement_quantum) * self.displacement_quantum).astype(
+                self.dtype
+            )
+        fill(self.node_displacement, leading)
+        if self.split_displacement:
+            fill(self.node_displacement_rest, (displacement - leading).astype(self.dtype))
+
+    def displacement(self) -> Floats:
+        """Nodal displacements, (node_count, 3) lengths, in double precision."""
+        leading = self.node_displacement.to_numpy()[: self.node_count].astype(np.float64)
+        if self.split_displacement:
+            leading += self.node_displacement_rest.to_numpy()[: self.node_count]
+        return leading
+
+    def retract(self, position: Floats, step: Floats) -> Floats:
+        """(node_count, 3) displacements that a step leads to from ``position``; the step in the axes that supports refer to.
+
+        Steps are tangent vectors, and this alone knows how they move a structure: nodes add them.
+        """
+        return position + self.from_frames(step)
+
+    def in_frames(self, vectors: Floats) -> Floats:
+        """Nodal vectors (node_count, 3) in the axes that supports refer to."""
+        frame = self.structure.node_frame
+        return vectors if frame is None else np.einsum("nij,nj->ni", frame, vectors)
+
+    def from_frames(self, vectors: Floats) -> Floats:
+        """Nodal vectors (node_count, 3) given in the supports' axes, in x, y, z."""
+        frame = self.structure.node_frame
+        return vectors if frame is None else np.einsum("nji,nj->ni", frame, vectors)
+
+    def set_loads(self, loads: Floats) -> None:
+        """Set the dead nodal forces, (node_count, 3)."""
+        if self.features.loads:
+            fill(self.node_load, np.asarray(loads, dtype=self.dtype))
+
+
+def blocks_of(count: int, on_cpu: bool) -> tuple[int, int]:
+    """Length and number of the blocks in which so many numbers are summed; they do not depend on the number of threads."""
+    length = max(-(-count // _CPU_BLOCKS), 1) if on_cpu else _GPU_BLOCK_LENGTH
+    return length, -(-count // length)
+
+
+def fill(field: Any, values: NDArray[Any]) -> None:
+    """Write values to the beginning of a field, and zeros to the rest of it."""
+    if len(values) < field.shape[0]:
+        rest = np.zeros((field.shape[0] - len(values), *values.shape[1:]), dtype=values.dtype)
+        values = np.concatenate([values, rest])
+    field.from_numpy(np.ascontiguousarray(values))
+
+
+def field_bytes(one: Any) -> int:
+    """Bytes of a field's values: a matrix field has n · m of them at each place, a record as many as it has members."""
+    if isinstance(one, ti.StructField):
+        return sum(field_bytes(member) for member in one._members)
+    width = np.dtype(ti.lang.util.to_numpy_type(one.dtype)).itemsize
+    return int(np.prod(one.shape)) * width * (one.n * one.m if isinstance(one, ti.MatrixField) else 1)

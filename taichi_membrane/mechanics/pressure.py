@@ -1,0 +1,68 @@
+"""Follower pressure on triangles: what each chamber's pressure is, and which chambers lie on either side of a triangle.
+
+A triangle's pressure is p_behind - p_ahead, behind being the side that its normal points away from. It is a load on the triangles
+and has no loop of its own: the triangles' loop has the sides at hand.
+Where it has a potential, and where not: :mod:`taichi_membrane.mechanics.rim`.
+"""
+
+import numpy as np
+
+from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.nodes import fill
+from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.structure import Structure
+
+
+@ti.data_oriented
+class Pressure:
+    """The chambers' pressures, and the chambers at each triangle."""
+
+    def __init__(self, structure: Structure, fp, dtype) -> None:
+        self.fp, self.dtype = fp, dtype
+        self.kind = structure.features().pressure
+        if self.kind != "none":
+            self.chamber_pressure = ti.field(fp, shape=structure.chamber_count)
+        if self.kind == "by_chamber":
+            self.tri_chamber = ti.field(ti.i32, shape=structure.mesh.tri_count)
+        if self.kind == "by_side":
+            self.tri_sides = ti.Vector.field(2, ti.i32, shape=structure.mesh.tri_count)  # behind, ahead
+
+    def accepts(self, structure: Structure) -> bool:
+        """Whether another structure fits, where it fits the nodes and triangles."""
+        return self.kind == "none" or structure.chamber_count <= self.chamber_pressure.shape[0]
+
+    def upload(self, structure: Structure) -> None:
+        """Take over a structure's chambers."""
+        self.chamber_count = structure.chamber_count
+        if self.kind == "by_chamber":
+            fill(self.tri_chamber, structure.tri_chamber.astype(np.int32))
+        if self.kind == "by_side":
+            assert structure.tri_ahead is not None  # what makes it by_side
+            fill(self.tri_sides, np.column_stack([structure.tri_chamber, structure.tri_ahead]).astype(np.int32))
+
+    @ti.func
+    def on(self, t):
+        """Pressure on triangle ``t``, positive along its normal."""
+        pressure = ti.cast(0.0, self.fp)
+        if ti.static(self.kind == "uniform"):
+            pressure = self.chamber_pressure[0]
+        if ti.static(self.kind == "by_chamber"):
+            chamber = self.tri_chamber[t]
+            if chamber >= 0:
+                pressure = self.chamber_pressure[chamber]
+        if ti.static(self.kind == "by_side"):
+            behind, ahead = self.tri_sides[t][0], self.tri_sides[t][1]
+            if behind >= 0:
+                pressure = self.chamber_pressure[behind]
+            if ahead >= 0:
+                pressure -= self.chamber_pressure[ahead]
+        return pressure
+
+    def set(self, pressures: Floats) -> None:
+        """Set each chamber's pressure (force per area)."""
+        if self.kind != "none":
+            fill(self.chamber_pressure, np.asarray(pressures, dtype=self.dtype))
+
+    def values(self) -> Floats:
+        """(chamber_count,) present pressures."""
+        return np.zeros(0) if self.kind == "none" else self.chamber_pressure.to_numpy()[: self.chamber_count]

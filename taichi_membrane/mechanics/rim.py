@@ -1,0 +1,210 @@
+"""Where follower pressure has no potential: lines at which it ends or jumps, on nodes that can move.
+
+A triangle's exact tangent of p A is not symmetric. Over a surface the skew parts cancel, but for those of edges at which the
+pressures of their triangles, each with the sense in which it runs along the edge, add up to q ≠ 0. The tangent then is K = S + Z,
+S symmetric (what :mod:`tangent` assembles) and, for virtual displacements v and changes u,
+
+    v·Z u = ½ Σ q ∮ v·(dx × u):   an edge s adds q/12 [s]× ⊗ [[2, 1], [1, 2]] for its two ends; Zᵀ = -Z.
+
+Z vanishes where an edge's ends cannot move, or only in one plane with the edge, as in a plane of symmetry.
+
+In place of an energy Newton lowers minus the work of all forces along its straight step. Its slope is that of the forces and its
+curvature d·S d, as d·Z d = 0: the exact unsymmetric step goes down wherever S is positive definite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+
+from taichi_membrane.algebra.krylov import gmres
+from taichi_membrane.algebra.protocol import Factor
+from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.mechanics.structure import Structure
+
+_SHARES = np.array([[2.0, 1.0], [1.0, 2.0]]) / 12.0  # of the two ends of an edge: ∫ N_a N_b / 2
+# Directions closer than this are one: round-off of frames is 1e-16, a plane of symmetry that is off by more is none.
+_IN_PLANE = 1e-9
+# Pressures that cancel to this share of the largest one leave a skew part below the tangent's own round-off.
+_EQUAL = 1e-14
+# Residual of the linear solves, well below what derivatives are asked for; the iterations it may take (23 were seen at most).
+_TOLERANCE, _MOST = 1e-11, 400
+# Eigenvalues of K near zero that are looked at beyond those S has below zero.
+_NEIGHBOURS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """Edges of one structure at which pressures may be without a potential.
+
+    :param nodes: (k, 2) their ends.
+    :param sense: (k, chamber_count) how often each chamber's boundary runs along the edge; q = sense · p.
+    """
+
+    structure: Structure
+    nodes: Ints
+    sense: Ints
+
+    @classmethod
+    def of(cls, structure: Structure) -> Rim:
+        """All such edges of a structure, for any pressures."""
+        nodes, sense = structure.pressure_edges
+        loose = _can_turn(structure, nodes)
+        return cls(structure, nodes[loose], sense[loose])
+
+    def at(self, pressures: Floats, displacement: Floats) -> Skew | None:
+        """Skew part of the tangent at a state; None where these pressures have a potential."""
+        if not len(self.nodes):
+            return None
+        jump = self.sense @ pressures
+        chosen = np.flatnonzero(np.abs(jump) > _EQUAL * np.abs(pressures).max())
+        return Skew(self.structure, self.nodes[chosen], jump[chosen], displacement) if len(chosen) else None
+
+
+def _can_turn(structure: Structure, nodes: Ints) -> Ints:
+    """Numbers of the edges whose ends span with their motions more than a plane that holds the edge."""
+    if not len(nodes):
+        return np.empty(0, dtype=np.int64)
+    frames = np.broadcast_to(np.eye(3), (*nodes.shape, 3, 3))
+    if structure.node_frame is not None:
+        frames = structure.node_frame[nodes]
+    ways = (np.where(structure.node_held[nodes], 0.0, 1.0)[..., None] * frames).reshape(len(nodes), 6, 3)
+    along = structure.points[nodes[:, 1]] - structure.points[nodes[:, 0]]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    span = np.linalg.matrix_rank(ways, tol=_IN_PLANE)
+    with_edge = np.linalg.matrix_rank(np.concatenate([ways, along[:, None]], axis=1), tol=_IN_PLANE)
+    return np.flatnonzero((span > 1) & ~((span == 2) & (with_edge == 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Skew:
+    """Skew part of the tangent at a state.
+
+    :param nodes: (k, 2) edges; ``jump`` (k,) q of each.
+    :param base: (node_count, 3) displacements of the state.
+    """
+
+    structure: Structure
+    nodes: Ints
+    jump: Floats
+    base: Floats
+
+    @cached_property
+    def ends(self) -> Ints:
+        """Nodes on the edges."""
+        return np.unique(self.nodes)
+
+    @cached_property
+    def matrix(self) -> sparse.csr_matrix:
+        """Z over the components of ``ends``, in the supports' axes, zero at held ones."""
+        structure, places = self.structure, self.structure.points + self.base
+        at = np.searchsorted(self.ends, self.nodes)
+        x, y, z = ((places[self.nodes[:, 1]] - places[self.nodes[:, 0]]) * self.jump[:, None]).T
+        zero = np.zeros_like(x)
+        cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+        axes = np.broadcast_to(np.eye(3), (len(self.ends), 3, 3))
+        if structure.node_frame is not None:
+            axes = structure.node_frame[self.ends]
+        axes = axes * ~structure.node_held[self.ends][:, :, None]
+        i, j = np.meshgrid(np.arange(3), np.arange(3), indexing="ij")
+        rows, columns, blocks = [], [], []
+        for a in range(2):
+            for b in range(2):
+                blocks.append(_SHARES[a, b] * axes[at[:, a]] @ cross @ axes[at[:, b]].transpose(0, 2, 1))
+                rows.append(3 * at[:, a, None, None] + i)
+                columns.append(3 * at[:, b, None, None] + j)
+        size = 3 * len(self.ends)
+        places_in = (np.concatenate(rows).ravel(), np.concatenate(columns).ravel())
+        return sparse.csr_matrix((np.concatenate(blocks).ravel(), places_in), shape=(size, size))
+
+    def times(self, vector: Floats, *, transposed: bool = False) -> Floats:
+        """Z, or Zᵀ = -Z, times a vector (node_count, 3)."""
+        result = np.zeros_like(vector)
+        product = (self.matrix @ vector[self.ends].ravel()).reshape(-1, 3)
+        result[self.ends] = -product if transposed else product
+        return result
+
+    def work_beyond(self, displacement: Floats) -> float:
+        """What p times the volume swept since rest takes for work and the way from ``base`` straight to a displacement does not do.
+
+        The swept volume is that of the straight way from rest; over the triangle of the two ways the rim encloses the rest:
+        Σ q/2 ∫∫ s·(u × du), with the edge s averaged over rest, base and displacement.
+        """
+        tail, head = self.nodes.T
+        step = displacement - self.base
+        place = self.structure.points + (self.base + displacement) / 3.0
+        edge = place[head] - place[tail]
+        total = np.zeros(len(edge))
+        for a in range(2):
+            for b in range(2):
+                turned = np.cross(self.base[self.nodes[:, a]], step[self.nodes[:, b]])
+                total += _SHARES[a, b] * np.einsum("ij,ij->i", edge, turned)
+        return float(self.jump @ total)
+
+
+@dataclass(frozen=True, eq=False)
+class SkewFactor:
+    """K = S + Z with S factorised: GMRES over the components at the rim alone, each product one solve with S."""
+
+    factor: Factor
+    skew: Skew
+
+    def solve(self, right: Floats) -> Floats:
+        """x with K x = ``right``."""
+        return self._solve(right, transposed=False)
+
+    def solve_transposed(self, right: Floats) -> Floats:
+        """x with Kᵀ x = ``right``, Kᵀ = S - Z."""
+        return self._solve(right, transposed=True)
+
+    def residual(self, solution: Floats, right: Floats) -> float:
+        """Backward error of K x = b, over the size of S."""
+        return self.factor.residual(solution, right - self.skew.times(solution))
+
+    def _solve(self, right: Floats, *, transposed: bool) -> Floats:
+        ends = self.skew.ends
+
+        def product(values: Floats) -> Floats:
+            spread = np.zeros_like(right)
+            spread[ends] = values.reshape(-1, 3)
+            return values + self.factor.solve(self.skew.times(spread, transposed=transposed))[ends].ravel()
+
+        at_rim = gmres(product, self.factor.solve(right)[ends].ravel(), tolerance=_TOLERANCE, most=_MOST)
+        spread = np.zeros_like(right)
+        spread[ends] = at_rim.reshape(-1, 3)
+        return self.factor.solve(right - self.skew.times(spread, transposed=transposed))
+
+    @cached_property
+    def negative(self) -> int:
+        """Negative real eigenvalues of K, as far as they are found.
+
+        None where S has none, as x·K x = x·S x. Else among the eigenvalues nearest zero, through which a structure that becomes
+        unstable without swinging has to go; pairs of complex ones, flutter, are not counted.
+        """
+        below = self.factor.negative
+        if below == 0:
+            return 0
+        free = ~self.skew.structure.node_held
+
+        def inverse_times(x: Floats) -> Floats:
+            return np.where(free, self.solve(np.where(free, x.reshape(free.shape), 0.0)), 0.0).ravel()
+
+        operator = LinearOperator((free.size, free.size), matvec=inverse_times, dtype=np.float64)
+        start = np.where(free, np.random.default_rng(0).standard_normal(free.shape), 0.0).ravel()
+        wanted = min(2 * below + _NEIGHBOURS, int(free.sum()) - 2)
+        try:
+            inverse: Any = eigs(operator, k=wanted, which="LM", v0=start, return_eigenvectors=False)
+        except ArpackNoConvergence as error:
+            inverse = error.eigenvalues
+        real = np.abs(inverse.imag) <= _IN_PLANE * np.abs(inverse)
+        return int((real & (inverse.real < 0.0)).sum())
+
+
+def symmetric(factor: Factor) -> Factor:
+    """The factorised symmetric part of a tangent."""
+    return factor.factor if isinstance(factor, SkewFactor) else factor

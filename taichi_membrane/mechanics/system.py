@@ -1,0 +1,169 @@
+"""One structure on the device: its nodes, and the sum of the terms that act on them. This is what solvers know.
+
+A :class:`System` is built once per run; displacements, pressures and loads are set by methods.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.cables import CableTerm
+from taichi_membrane.mechanics.element_state import ElementState
+from taichi_membrane.mechanics.nodes import Nodes, field_bytes
+from taichi_membrane.mechanics.planes import PlaneTerm
+from taichi_membrane.mechanics.preparation import Floats, TriangleGeometry
+from taichi_membrane.mechanics.pressure import Pressure
+from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm
+from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
+
+
+@ti.data_oriented
+class System(Nodes):
+    """Nodes and terms of one structure; see the module text and :mod:`taichi_membrane.mechanics.terms`."""
+
+    def __init__(self, structure: Structure) -> None:
+        super().__init__(structure)
+        self.pressure = Pressure(structure, self.fp, self.dtype)
+        self.triangles = Triangles(self, self.pressure, structure)
+        self.cables = CableTerm(self, structure) if self.features.cables else None
+        self.planes = tuple(PlaneTerm(self, structure, number) for number in range(self.features.planes))
+        others = () if self.cables is None else (self.cables,)
+        self.terms: tuple[ElementTerm, ...] = (self.triangles, *others)
+        self.node_terms: tuple[NodeTerm, ...] = self.planes
+        self.upload(structure)
+
+    def accepts(self, structure: Structure) -> bool:
+        """Whether another structure fits these fields and the kernels compiled for them: same features, no larger."""
+        parts = (self.pressure, *self.terms, *self.node_terms)
+        return super().accepts(structure) and all(part.accepts(structure) for part in parts)
+
+    def upload(self, structure: Structure) -> None:
+        """Put a structure that :meth:`accepts` lets through in place of the present one, at rest."""
+        super().upload(structure)
+        self.tri_count = structure.mesh.tri_count
+        for part in (self.pressure, *self.terms, *self.node_terms):
+            part.upload(structure)
+
+    def fields(self) -> Iterator[tuple[str, Any]]:
+        """Every Taichi field with its name."""
+        for owner in (self, self.pressure, *self.terms, *self.node_terms):
+            yield from ((name, one) for name, one in vars(owner).items() if isinstance(one, ti.Field))
+
+    def bytes_allocated(self) -> int:
+        """Memory of all fields."""
+        return sum(field_bytes(one) for _, one in self.fields())
+
+    # ---- forces and bounds
+
+    @ti.func
+    def gathered_force(self, i):
+        """Out-of-balance force at node ``i``: the sum of its slots, of node terms, and its dead load."""
+        force = ti.Vector.zero(self.fp, 3)
+        for s in range(self.node_slot_start[i], self.node_slot_start[i + 1]):
+            force += self.slot_force[self.node_slot[s]]
+        for term in ti.static(self.node_terms):
+            force += term.force(i)
+        if ti.static(self.features.loads):
+            force += self.node_load[i]
+        return force
+
+    @ti.func
+    def gathered_mass(self, i):
+        """Fictitious mass of node ``i`` from the bounds in its slots; twice it bounds the stiffness there."""
+        mass = ti.cast(0.0, self.fp)
+        for s in range(self.node_slot_start[i], self.node_slot_start[i + 1]):
+            mass += 0.5 * self.slot_force[self.node_slot[s]][0]
+        for term in ti.static(self.node_terms):
+            mass += 0.25 * term.bound(i)
+        return mass
+
+    @ti.kernel
+    def _forces_kernel(self, out: ti.types.ndarray()):
+        for term in ti.static(self.terms):
+            ti.loop_config(block_dim=self.block_dim)
+            for e in range(term.count()):
+                term.store_forces(e)
+        ti.loop_config(block_dim=self.block_dim)
+        for i in range(self.bounds[None].nodes):
+            force = self.gathered_force(i)
+            for c in ti.static(range(3)):
+                out[i, c] = force[c]
+
+    def out_of_balance(self) -> Floats:
+        """(node_count, 3) out-of-balance forces, minus the gradient of the potential; at held nodes, minus the reactions."""
+        out = np.zeros((self.node_count, 3), dtype=self.dtype)
+        self._forces_kernel(out)
+        return out.astype(np.float64)
+
+    # ---- energy
+
+    @ti.kernel
+    def _potential_kernel(self):
+        for block in range(self.triangles.bounds[None].blocks):
+            total = ti.Vector.zero(self.fp, 2)
+            for t in range(self.triangles.first(block), self.triangles.first(block + 1)):
+                total += self.triangles.energy(t)
+            self.block_sum[block] = total
+
+    @ti.kernel
+    def _other_potential_kernel(self):
+        """Adds what terms beside the triangles store; a kernel of its own, so that without them nothing changes in the first."""
+        for block in range(self.triangles.bounds[None].blocks):
+            blocks = self.triangles.bounds[None].blocks
+            total = ti.Vector.zero(self.fp, 2)
+            for term in ti.static(self.terms[1:]):
+                length = (term.count() + blocks - 1) // blocks
+                for e in range(block * length, ti.min((block + 1) * length, term.count())):
+                    total += term.energy(e)
+            length = (self.bounds[None].nodes + blocks - 1) // blocks
+            for i in range(block * length, ti.min((block + 1) * length, self.bounds[None].nodes)):
+                for term in ti.static(self.node_terms):
+                    total[0] += term.energy(i)
+            self.block_sum[block] += total
+
+    def potential_energy(self, loads: Floats) -> tuple[float, float]:
+        """Total potential (stored energy less work of pressure and dead loads) and stored energy, force times length."""
+        self._potential_kernel()
+        if len(self.terms) > 1 or self.node_terms:
+            self._other_potential_kernel()
+        stored, work = self.block_sum.to_numpy()[: self.triangles.block_count].astype(np.float64).sum(axis=0)
+        return float(stored - work - np.vdot(loads, self.displacement())), float(stored)
+
+    # ---- what a run sets and asks
+
+    def set_pressures(self, pressures: Floats) -> None:
+        """Set each chamber's pressure (force per area)."""
+        self.pressure.set(pressures)
+
+    def pressures(self) -> Floats:
+        """(chamber_count,) present pressures."""
+        return self.pressure.values()
+
+    @property
+    def geometry(self) -> TriangleGeometry:
+        """Geometry of the triangles at rest."""
+        return self.triangles.geometry
+
+    def element_state(self) -> ElementState:
+        """Strain, stress and wrinkling state of every triangle at the present displacements."""
+        return self.triangles.element_state()
+
+    def scale_thickness(self, fabric_number: int, factor: float) -> None:
+        """Give one fabric so many times its thickness; 1 restores it."""
+        self.triangles.scale_thickness(fabric_number, factor)
+
+    def swept_volumes(self, displacement: Floats) -> Floats:
+        """(tri_count,) volume each triangle has swept since rest."""
+        return swept_volumes(self.structure, displacement)
+
+    def prestress_norm(self) -> float:
+        """Size of the nodal forces that prestress balances, a scale for residuals where no load acts."""
+        structure = self.structure
+        level = np.array([np.linalg.norm(one.prestress) * one.thickness for one in structure.fabrics])
+        squared = (level[structure.tri_fabric] ** 2 * self.geometry.area).sum()
+        if structure.cables is not None:
+            squared += (structure.cables.prestress**2).sum()
+        return float(np.sqrt(squared))
