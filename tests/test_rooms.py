@@ -21,8 +21,9 @@ FLOORS = (
     ("simulation",),
     ("output",),
     ("pictures",),
+    ("page",),
     ("execution",),
-    ("study", "assurance"),
+    ("study", "assurance", "parametric"),
     ("commands",),
 )
 # One message class serves all that read a user's input, and a mesh that is too large is refused where it is read.

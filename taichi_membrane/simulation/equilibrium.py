@@ -259,17 +259,21 @@ class Equilibrium:
     def _reactions(self) -> Reference:
         """Size of the support forces at the present state, for a membrane that motions alone act on.
 
-        Where it carries next to nothing, round-off is what is left: strains of size ε u/ℓ make forces of ε ‖2 M u‖, M being the
-        fictitious masses that bound the stiffness. The floor lets the tolerance stand at :data:`_ROUND_OFFS` of these.
+        Where they come to less than the tolerance of what the motion called up before anything gave way, the membrane carries
+        nothing, and that is what the residual is compared with. Below the round-off of strains of size ε u/ℓ, forces of ε ‖2 M u‖
+        with the fictitious masses M that bound the stiffness, nothing is told; the tolerance is :data:`_ROUND_OFFS` of these.
         """
         held, membrane = self.model.structure.node_held, self.membrane
         bound = 2.0 * self.relaxation.masses()[:, None] * membrane.displacement()
         share = min(_ROUND_OFFS * float(np.finfo(membrane.dtype).eps) / self.tolerance, 1.0)
         floor = share * float(np.linalg.norm(bound))
+        called_up = float(np.linalg.norm(membrane.out_of_balance()))
 
         def now() -> float:
             force = membrane.in_frames(membrane.out_of_balance())
-            return max(float(np.linalg.norm(np.where(held, force, 0.0))), floor) or 1.0
+            carried = float(np.linalg.norm(np.where(held, force, 0.0)))
+            least = called_up if carried <= self.tolerance * called_up else 0.0
+            return max(carried, floor, least) or 1.0
 
         return now
 

@@ -295,10 +295,11 @@ class LoadStep:
         if not self.records[-1].converged:
             return None
         found = self.way.rest(1.0)
-        if found.negative or self._compare(a, found) not in ("consistent", "unknown"):
+        kind = self._compare(a, found)
+        if found.negative or not (self.way.moves or kind in ("consistent", "unknown")):
             self._pass("refused", 1.0)
             return None
-        self._pass("relaxed", 1.0)
+        self._pass("snap" if kind == "jump" else "relaxed", 1.0)
         return found
 
     # ---- ends

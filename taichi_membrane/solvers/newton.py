@@ -149,21 +149,21 @@ class Newton:
         return self._settled_energy(loads)
 
     def _loose(self, blocks: Floats) -> Floats | None:
-        """(node_count, 3) a stiffness for free components that nothing holds, such as a node amid slack triangles without pressure.
+        """(node_count, 3) a stiffness for free nodes that nothing holds, such as one amid slack triangles without pressure.
 
-        Their rows are zero: they take no part in any force, and whatever stiffness they get, the rest stays as it is. None where
-        there is no such component.
+        Their rows are zero: they take no part in any force, and whatever stiffness they get, the rest stays as it is. A node that
+        something holds in one direction and nothing in another, as in a flat sheet, is another matter: a load would move it. None
+        where there is no loose node.
         """
         elimination = self.tangent.elimination
-        loose = self.free & (np.abs(blocks[elimination.node_block]).max(axis=2) == 0.0)
+        loose = self.free.all(axis=1) & (np.abs(blocks[elimination.node_block]).max(axis=(1, 2)) == 0.0)
         if not loose.any():
             return None
-        beside = np.abs(blocks[elimination.edge_block])
+        beside = np.abs(blocks[elimination.edge_block]).max(axis=(1, 2))
         column, row = elimination.edge_node.T
-        coupled = np.zeros(loose.shape)  # pressure couples nodes whose own block is zero
-        np.maximum.at(coupled, row, beside.max(axis=2))
-        np.maximum.at(coupled, column, beside.max(axis=1))
-        return np.where(loose & (coupled == 0.0), 1.0, 0.0)
+        loose[row[beside > 0.0]] = False  # pressure couples nodes whose own block is zero
+        loose[column[beside > 0.0]] = False
+        return np.where(loose[:, None], np.ones(3), 0.0)
 
     def _settled_energy(self, loads: Floats) -> float:
         """Potential energy at the present displacements, with the pressures of closed chambers set to what they are there."""
