@@ -115,6 +115,11 @@ def a_step(number: int, **changes: Any) -> StepResult:
     return replace(step, **changes)
 
 
+def with_fields(step: StepResult, **values: Any) -> StepResult:
+    """The step with other values of some fields."""
+    return replace(step, fields={**step.fields, **values})
+
+
 def a_writer(directory: Path) -> Writer:
     return Writer(directory, SCENE, MESH, settings=SETTINGS, provenance=PROVENANCE, tri_fabric=FABRIC)
 

@@ -18,7 +18,6 @@ from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output import reader
-from taichi_membrane.pictures.gallery import curve_values
 from taichi_membrane.scene import Scene, Stage, drivers
 from taichi_membrane.scene.base import Record
 from taichi_membrane.scene.drivers import DriverKind, driver_names, driver_unit, stage_values
@@ -97,7 +96,7 @@ def test_a_new_kind_goes_everywhere_that_a_pressure_goes(tmp_path: Path, monkeyp
     assert json.loads((tmp_path / "out/summary.json").read_text("utf-8"))["steps"][1]["drivers"]["wind.gust"] == 20.0
     saved = reader.read_run(tmp_path / "out")
     assert [step.drivers for step in saved.steps] == [step.drivers for step in result.steps]
-    assert list(curve_values(result, "wind.gust")) == [10.0, 20.0]
+    assert [step.quantity("wind.gust") for step in result.steps] == [10.0, 20.0]
     assert "gust [Pa]" in [column.header for column in step_columns(scene, result.steps)]
     with pytest.raises(ValueError, match=r"stages\.up\.winds: 'squall' is not a wind of this scene; allowed: gust"):
         WindyScene.model_validate(scene.model_dump() | {"stages": [{"name": "up", "winds": {"squall": 1.0}}]})

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from run_files import MESH, PROVENANCE, SCENE, a_result, a_run, a_step, a_writer
+from run_files import MESH, PROVENANCE, SCENE, a_result, a_run, a_step, a_writer, with_fields
 from typer.testing import CliRunner
 
 from taichi_membrane.commands.cli import app
@@ -27,7 +27,7 @@ from taichi_membrane.page.notebook import show
 from taichi_membrane.page.pack import Pack
 from taichi_membrane.scene import Scene
 from taichi_membrane.shapes import tube
-from taichi_membrane.simulation.results import ElementFields, RunResult
+from taichi_membrane.simulation.results import RunResult
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE, VIEWER = ROOT / "taichi_membrane" / "page", ROOT / "viewer"
@@ -124,7 +124,7 @@ def test_only_held_nodes_keep_a_support_force() -> None:
     held = np.array([1, 4])
     reaction = np.zeros((MESH.node_count, 3))
     reaction[held] = (1.0, -2.0, 3.0)
-    result = a_result([a_step(0, reaction=reaction)], Path("runs"))
+    result = a_result([with_fields(a_step(0), reaction=reaction)], Path("runs"))
     head, block = content(result)
     assert decode(block, head["vectors"][1]["nodes"]).tolist() == held.tolist()
 
@@ -132,7 +132,7 @@ def test_only_held_nodes_keep_a_support_force() -> None:
 def test_what_is_not_finite_has_a_code_of_its_own() -> None:
     stress = a_step(0).elements.major_stress.copy()
     stress[3] = np.nan
-    broken = a_step(0, converged=False, elements=replace(a_step(0).elements, major_stress=stress))
+    broken = with_fields(a_step(0, converged=False), major_stress=stress)
     head, block = content(a_result([broken], Path("runs")))
     codes = decode(block, head["steps"][0]["fields"]["major_stress"])
     assert np.flatnonzero(codes == 65535).tolist() == [3]
@@ -149,8 +149,12 @@ def test_wrinkle_directions_are_angles_from_the_first_side() -> None:
     across = np.cross(up / np.linalg.norm(up, axis=1)[:, None], side)
     direction = np.cos(np.pi / 6) * side + np.sin(np.pi / 6) * across
     direction[::2] *= -1.0
-    elements = replace(step.elements, state=np.ones(MESH.tri_count, np.int8), major_direction=direction)
-    still = replace(step, displacement=np.zeros_like(step.displacement), elements=elements)
+    still = with_fields(
+        step,
+        displacement=np.zeros_like(step.displacement),
+        state=np.ones(MESH.tri_count, np.int8),
+        major_direction=direction,
+    )
     head, block = content(a_result([still], Path("runs")))
     assert set(decode(block, head["steps"][0]["direction"]).tolist()) == {round(256 / 6)}
 
@@ -160,7 +164,7 @@ def test_a_margin_keeps_its_sign_however_small() -> None:
     margin[MESH.triangles.max(axis=1) == MESH.node_count - 1] = -1e-9  # all elements at the last node
     others = (MESH.triangles != MESH.node_count - 1).all(axis=1)
     assert others.any()
-    step = a_step(0, elements=replace(a_step(0).elements, taut_margin=margin))
+    step = with_fields(a_step(0), taut_margin=margin)
     head, block = content(a_result([step], Path("runs")))
     assert decode(block, head["steps"][0]["taut_margin"])[-1] < 0
 
@@ -175,22 +179,27 @@ def large_run() -> RunResult:
     for number in range(20):
         fields = (1.0 + 0.1 * number) * shape * (1.0 + 1e-4 * rng.normal(size=shape.shape))
         wave = np.sin(mesh.points[:, 0] / 50.0)
-        elements = ElementFields(
-            strain=fields[:, :3], stress=fields[:, 3:6], state=(fields[:, 6] > 0.5).astype(np.int8), fold_strain=fields[:, 6],
-            taut_margin=fields[:, 6], slack_margin=fields[:, 7], major_stress=fields[:, 7], minor_stress=fields[:, 8],
-            major_direction=rng.normal(size=(mesh.tri_count, 3)),
-        )  # fmt: skip
+        elements = {
+            "strain": fields[:, :3], "stress": fields[:, 3:6], "state": (fields[:, 6] > 0.5).astype(np.int8),
+            "fold_strain": fields[:, 6], "taut_margin": fields[:, 6], "slack_margin": fields[:, 7], "major_stress": fields[:, 7],
+            "minor_stress": fields[:, 8], "major_direction": rng.normal(size=(mesh.tri_count, 3)),
+        }  # fmt: skip
         displacement = wave[:, None] * rng.normal(size=3) + 1e-4 * rng.normal(size=mesh.points.shape)
         reaction = np.where(mesh.points[:, :1] == 0.0, 1.0, 0.0) * displacement
         steps.append(
-            a_step(number, displacement=displacement, reaction=reaction, elements=elements, modes=None, derivatives={})
+            with_fields(
+                a_step(number, modes=None, derivatives={}), displacement=displacement, reaction=reaction, **elements
+            )
         )
     scene = Scene.model_validate(
         SCENE.model_dump(mode="json")
         | {"supports": [{"group": "start", "hold": "xyz"}], "loads": {}, "probes": {}, "curve": None}
         | {"stages": [{"name": "load", "steps": 20, "pressure": 1.0}]}
     )
-    bare = [replace(step, loads={}, probes={}, derivatives={}) for step in steps]
+    bare = [
+        replace(step, drivers={"pressure.inside": step.pressures["inside"]}, probes={}, derivatives={})
+        for step in steps
+    ]
     return RunResult(
         scene=scene, mesh=mesh, steps=tuple(bare), checks=(), seconds={}, provenance=PROVENANCE, outcome="finished"
     )
@@ -269,7 +278,7 @@ def test_support_forces_are_summed_by_group() -> None:
 
 
 def test_a_state_that_is_no_equilibrium_gives_no_result() -> None:
-    far = a_step(1, converged=False, displacement=1e6 * a_step(1).displacement, limit=None)
+    far = with_fields(a_step(1, converged=False, limit=None), displacement=1e6 * a_step(1).displacement)
     text = Reader(page(replace(run_of(0), steps=(a_step(0), far)))).text
     facts = text[text.index("largest displacement") : text.index("largest stress")]
     assert "step 0" in facts

@@ -11,7 +11,7 @@ from pathlib import Path
 import chromium
 import numpy as np
 import pytest
-from run_files import PROVENANCE, SCENE, a_result, a_step
+from run_files import PROVENANCE, SCENE, a_result, a_step, with_fields
 
 from taichi_membrane.names import SLACK, TAUT, WRINKLED
 from taichi_membrane.page.document import write_page
@@ -31,19 +31,22 @@ MIDDLES = MESH.points[MESH.triangles].mean(axis=1)
 def bent(number: int, lift: float) -> StepResult:
     """The panel lifted along its length; left third slack, middle third wrinkled."""
     step = a_step(
-        number, limit=None, modes=None, derivatives={}, loads={"pull": 1.0 + number, "wind": 0.0, "seam": 0.0}
+        number,
+        limit=None,
+        modes=None,
+        derivatives={},
+        drivers={"pressure.inside": 0.1 * number, "load.pull": 1.0 + number, "load.wind": 0.0, "load.seam": 0.0},
     )
     displacement = np.zeros_like(MESH.points)
     displacement[:, 2] = lift * MESH.points[:, 0] ** 2
     x = MIDDLES[:, 0]
     state = np.select([x < 1.0, x < 2.0], [SLACK, WRINKLED], TAUT).astype(np.int8)
     direction = np.tile((0.0, 1.0, 0.0), (MESH.tri_count, 1))
-    elements = replace(
-        step.elements, state=state, taut_margin=x - 2.0, slack_margin=x - 1.0, major_stress=(1.0 + number) * x,
-        major_direction=direction,
-    )  # fmt: skip
     probes = dict.fromkeys(SCENE.probes, 0.0) | {"tip": float(number) ** 2}
-    return replace(step, displacement=displacement, elements=elements, probes=probes)
+    return with_fields(
+        replace(step, probes=probes), displacement=displacement, state=state, taut_margin=x - 2.0, slack_margin=x - 1.0,
+        major_stress=(1.0 + number) * x, major_direction=direction,
+    )  # fmt: skip
 
 
 def a_bent_run() -> RunResult:

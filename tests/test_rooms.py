@@ -23,7 +23,8 @@ FLOORS = (
     ("pictures",),
     ("page",),
     ("execution",),
-    ("study", "assurance", "parametric"),
+    ("study", "assurance"),
+    ("parametric",),
     ("commands",),
 )
 # One message class serves all that read a user's input, and a mesh that is too large is refused where it is read.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.arrays import Floats
 
 # A new direction this small beside the right-hand side is round-off: the space holds the solution.
 _EXHAUSTED = 1e-15

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from taichi_membrane.algebra.elimination import Elimination, eliminate
 from taichi_membrane.algebra.multifrontal import Multifrontal
-from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.arrays import Floats, Ints
 
 
 class Factor(Protocol):

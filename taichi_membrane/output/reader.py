@@ -243,6 +243,8 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         trace=tuple(Passage(event=event, share=float(share)) for event, share in record["trace"]),
         unknown={str(name): str(why) for name, why in record["unknown"].items()},
         state=_state(record, fields["displacement"], per_node),
+        cable_forces=np.array(list(map(_number, record["cable_forces"]))),
+        contact_forces=_numbers(record["contact_forces"]),
     )
 
 

@@ -277,6 +277,7 @@ def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
         "trace": trace,
         "state": _state_record(step.state),
         "modes": modes,
+        "cable_forces": step.cable_forces.tolist(),
         "element_states": step.elements.count(),
         "file": file,
         "sha256": checksum,

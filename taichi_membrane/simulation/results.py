@@ -79,8 +79,8 @@ class StepResult:
     :param trace: what the step went through, each passage at a share of the stage's course.
     :param unknown: why there is no value of ``stable``, ``derivatives``, ``modes`` or ``limit``, of those that have none.
     :param state: what it hands to the next step: the run goes on from it.
-    :param cable_forces: (cable_count,) force of each cable element, in the scene's order, tension positive; not in a run's files.
-    :param contact_forces: sum of the forces of each plane on the structure along its normal; not in a run's files.
+    :param cable_forces: (cable_count,) force of each cable element, in the scene's order, tension positive.
+    :param contact_forces: sum of the forces of each plane on the structure along its normal.
     """
 
     number: int
