@@ -10,9 +10,21 @@ from taichi_membrane.assurance.verdicts.case import Case
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
 
-# Until load steps are accepted by the stiffness at their ends, limits are missed and unstable states taken for results here.
-@pytest.mark.xfail(reason="limits missed and unstable states accepted", strict=False)
-@pytest.mark.parametrize("case", catalogue.chosen([], "small"), ids=lambda case: case.name)
+# Until load steps are accepted by the stiffness at their ends, limits are missed and unstable states taken for results in these.
+WRONG = ("tent_6_0.1_force_2", "tent_6_0.1_follower_2", "annulus_15_0")
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(
+            case,
+            id=case.name,
+            marks=[pytest.mark.xfail(reason="wrong verdict", strict=True)] if case.name in WRONG else [],
+        )
+        for case in catalogue.chosen([], "small")
+    ],
+)
 def test_what_runs_say_of_themselves_is_true(case: Case) -> None:
     one = report.judged(case, [bench.run(case, steps) for steps in case.steps])
     assert [(run.steps, fault) for run, wrong in zip(one.findings, one.wrong, strict=True) for fault in wrong] == []
