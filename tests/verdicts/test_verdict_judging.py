@@ -14,10 +14,12 @@ from typer.testing import CliRunner
 
 from taichi_membrane.assurance.stability.case import Problem
 from taichi_membrane.assurance.verdicts import catalogue, judge, report, truth
+from taichi_membrane.assurance.verdicts.bench import scene_of
 from taichi_membrane.assurance.verdicts.case import UNKNOWN, Case, Finding, State, Truth, holds, limit, nothing
 from taichi_membrane.commands import verdicts as command
 from taichi_membrane.commands.cli import app
 from taichi_membrane.errors import InputError
+from taichi_membrane.simulation.model import build_mesh
 
 AT_ONE = limit("load.tip", 1.0, width=0.0, source="closed form")
 FALLING = limit("pressure.inside", 1.0, width=0.0, source="closed form")
@@ -237,3 +239,10 @@ def test_the_command_fails_where_a_verdict_is_wrong(monkeypatch: pytest.MonkeyPa
         result = CliRunner().invoke(app, ["stress", "--set", "verdicts", "--out", str(tmp_path)])
         assert result.exit_code == code, result.output
         assert f"missed limit {code}" in result.output
+
+
+def test_stored_truths_are_of_the_meshes_that_their_cases_have() -> None:
+    for name, entry in truth._entries().items():
+        problem = catalogue.CASES[name].problem(1)
+        mesh = build_mesh(scene_of(problem)) if problem.mesh is None else problem.mesh
+        assert mesh.node_count == entry["nodes"], name
