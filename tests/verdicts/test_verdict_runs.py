@@ -10,8 +10,8 @@ from taichi_membrane.assurance.verdicts.case import Case
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
 
-# Until load steps are accepted by the stiffness at their ends, limits are missed and unstable states taken for results in these.
-WRONG = ("tent_6_0.1_force_2", "tent_6_0.1_follower_2", "annulus_15_0")
+# Until residuals of motions are compared with the reactions: 2.8 times their tolerance here.
+WRONG = ("annulus_15_0",)
 
 
 @pytest.mark.parametrize(
