@@ -187,10 +187,13 @@ class Equilibrium:
             f"largest strain: {strain.max():.3g} in element {strain.argmax()}"
         )
 
-    def solve(self, state: LoadState, report: Report, *, relax: bool = False) -> SolveRecord:
+    def solve(
+        self, state: LoadState, report: Report, *, relax: bool = False, patience: int | None = None
+    ) -> SolveRecord:
         """Equilibrium at a load state from the present displacements, by Newton where there is one.
 
         :param relax: doses of relaxation first, after each of them Newton again.
+        :param patience: Newton's iterations at most, without relaxation; the solver's own number when None.
         """
         self.apply(state)
         reference = self.reference(state)
@@ -198,8 +201,8 @@ class Equilibrium:
         if self.newton is None:
             return self._relax(reference, limit, report)
         if not relax:
-            patience = min(limit, _NEWTON_LIMIT if self.kind == "newton" else _NEWTON_PATIENCE)
-            return self._newton(self.newton, state, reference, patience, report)
+            usual = _NEWTON_LIMIT if self.kind == "newton" else _NEWTON_PATIENCE
+            return self._newton(self.newton, state, reference, min(limit, patience or usual), report)
         parts: list[SolveRecord] = []
         for dose in _DOSES:
             parts.append(self._relax(reference, min(dose, limit), report))

@@ -134,12 +134,15 @@ class LoadStep:
             aim = aims[-1]
             soft = not self.way.moves and self._softened(a)
             b, kind = (None, "soft") if soft else self._attempt(a, aim, known.pop(aim, None))
-            if b is not None and kind in ("curved", "jump") and a.share == 0.0 and self._unstrained(a):
-                known[aim] = b
-                if (first := self._off_apex(a)) is not None:
-                    a = first
-                    continue
-                b = known.pop(aim)
+            if b is not None and kind in ("curved", "jump") and a.share == 0.0 and self._at_apex(a):
+                first = self._off_apex(a)
+                if first is None:  # the start's stiffness is no measure of the way from it, and no nearer one is found
+                    self._pass("unverified start", aim)
+                    a = b
+                    aims.pop()
+                else:
+                    a, known[aim] = first, b
+                continue
             if b is not None and kind == "curved" and aim - a.share > 2.0**-self.policy.parts:
                 self._pass("bisected", 0.5 * (a.share + aim))
                 known[aim] = b
@@ -170,25 +173,31 @@ class LoadStep:
             kind = "curved"  # no path to follow: find the jump as nearly as parts can be
         return b, kind
 
-    def _unstrained(self, a: Rest) -> bool:
-        """Whether nothing is strained: there the stiffness of a tension field depends on where it is moved to, however little."""
+    def _at_apex(self, a: Rest) -> bool:
+        """Whether nothing is strained and compression is not borne: there stiffness depends on the direction of the least move."""
+        structure = self.membrane.structure
+        if all(fabric.law == "none" for fabric in structure.fabrics) and structure.cables is None:
+            return False
         self.membrane.set_displacement(a.position)
-        return float(np.abs(self.membrane.element_state().strain).max()) <= _UNSTRAINED
+        return float(np.abs(self.membrane.element_state().strain).max(initial=0.0)) <= _UNSTRAINED
 
     def _off_apex(self, a: Rest) -> Rest | None:
-        """A stable equilibrium just off an unstrained state, to compare with in its stead; None where there is none to be had."""
+        """A stable equilibrium just off an unstrained state, to compare with in its stead; None where there is none to be had.
+
+        It may cost as many iterations as the whole way has taken.
+        """
         self.membrane.set_displacement(a.position)
-        first = self._solve(2.0**-self.policy.parts)
+        first = self._solve(2.0**-self.policy.parts, patience=self.records[-1].iterations)
         if first is None or not first.stable or first.stiffness is None:
             return None
         self._pass("unverified start", first.share)
         return first
 
-    def _solve(self, share: float, *, relax: bool = False) -> Rest | None:
+    def _solve(self, share: float, *, relax: bool = False, patience: int | None = None) -> Rest | None:
         """Equilibrium at a share of the way by load control, off unstable ones where there are stable ones beside."""
         start = self.membrane.displacement()
         state = self.way.at(share)
-        self.records.append(self.equilibrium.solve(state, self.report))
+        self.records.append(self.equilibrium.solve(state, self.report, patience=patience))
         if not self.records[-1].converged and relax and self.equilibrium.kind == "hybrid":
             self.membrane.set_displacement(start)
             self.records.append(self.equilibrium.solve(state, self.report, relax=True))
@@ -307,7 +316,9 @@ class LoadStep:
     def _done(self, found: Rest) -> Reached:
         self.membrane.set_displacement(found.position)
         self.way.press(1.0)
-        return Reached(joined(*self.records), 1.0, trace=tuple(self.trace))
+        # What was tried in vain goes first: the record's verdict is that of its last part.
+        records = sorted(self.records, key=lambda record: record.converged)
+        return Reached(joined(*records), 1.0, trace=tuple(self.trace))
 
     def _collapsed(self, end: PathEnd) -> Reached:
         """At the last stable point below a limit."""
