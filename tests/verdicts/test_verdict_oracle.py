@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from run_files import with_fields
 from scipy import sparse
 
 import taichi_membrane as tm
@@ -15,6 +16,7 @@ from taichi_membrane.assurance.verdicts.building import in_balance
 from taichi_membrane.assurance.verdicts.case import UNKNOWN, Case
 from taichi_membrane.assurance.verdicts.judge import faults
 from taichi_membrane.simulation import analysis
+from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import build_model
 from taichi_membrane.simulation.results import RunResult
 
@@ -50,7 +52,7 @@ def test_a_tent_pressed_flat_is_unstable() -> None:
     for height, negative in ((0.99, 0), (0.59, 0), (0.56, 1), (-0.56, 1), (-0.59, 0)):
         displacement = np.zeros_like(result.mesh.points)
         displacement[0, 2] = 0.1 * (height - 1.0)
-        state = oracle.examine(work, model, replace(result.steps[-1], displacement=displacement))
+        state = oracle.examine(work, model, with_fields(result.steps[-1], displacement=displacement))
         assert state.negative == negative, height
 
 
@@ -65,10 +67,10 @@ def test_a_state_that_is_moved_is_out_of_balance_and_its_reactions_are_not_those
     moved = np.where(
         model.structure.node_held, 0.0, 1e-4 * np.random.default_rng(0).standard_normal(last.displacement.shape)
     )
-    bad = oracle.examine(work, model, replace(last, displacement=last.displacement + moved))
+    bad = oracle.examine(work, model, with_fields(last, displacement=last.displacement + moved))
     assert bad.residual > 1e-3
     assert bad.reactions > 1e-4
-    lost = oracle.examine(work, model, replace(last, reaction=1.001 * last.reaction))
+    lost = oracle.examine(work, model, with_fields(last, reaction=1.001 * last.reaction))
     assert lost.reactions == pytest.approx(1e-3, rel=1e-6)
 
 
@@ -82,9 +84,9 @@ def test_balance_of_a_strip_sees_a_reaction_that_is_a_thousandth_off() -> None:
     wrong[mesh.node_groups["x_max"]] *= 1.001
     turned = last.reaction.copy()
     turned[mesh.node_groups["x_max"], 0] *= -1.0
-    assert in_balance(mesh, [replace(last, reaction=wrong)])["forces"] > 1e-4
-    assert in_balance(mesh, [replace(last, reaction=turned)])["moments"] > 1e-2
-    changed = replace(result, steps=(replace(last, reaction=wrong),))
+    assert in_balance(mesh, [with_fields(last, reaction=wrong)])["forces"] > 1e-4
+    assert in_balance(mesh, [with_fields(last, reaction=turned)])["moments"] > 1e-2
+    changed = replace(result, steps=(with_fields(last, reaction=wrong),))
     assert {one.kind for one in faults(case, bench.finding(case, 1, case.problem(1), changed, 0.0))} == {
         "out of balance",
         "wrong number",
@@ -109,7 +111,8 @@ def test_gas_stiffens_the_tangent_as_differences_of_its_forces_say() -> None:
 
     def force(step: float) -> np.ndarray:
         absolute = (last.pressures["inside"] + 0.1) * (volume(0.0) / volume(step)) ** 1.4
-        pressed = replace(last, displacement=last.displacement + step * way, pressures={"inside": absolute - 0.1})
+        pressed = with_fields(last, displacement=last.displacement + step * way)
+        pressed = replace(pressed, drivers={**last.drivers, "pressure.inside": absolute - 0.1})
         oracle.place(work, model, pressed)
         return work.membrane.out_of_balance().ravel()[free]
 
@@ -125,7 +128,8 @@ def test_a_column_beyond_its_buckling_load_is_called_unstable_whoever_says_other
     tracer = trace.Tracer(case)
     point = tracer._correct(below.steps[-1].displacement, 0.99, None)
     assert point is not None
-    step = replace(below.steps[-1], displacement=point.position, loads={"tip": 0.99 * 60.0}, negative_pivots=0)
+    drivers = {**below.steps[-1].drivers, "load.tip": 0.99 * 60.0}
+    step = replace(with_fields(below.steps[-1], displacement=point.position), drivers=drivers, negative_pivots=0)
     changed = replace(below, steps=(below.steps[0], step))
     found = bench.finding(replace(case, truth=UNKNOWN), 1, problem, changed, 0.0)
     assert found.states[-1].negative == point.negative > 0
@@ -192,7 +196,8 @@ def test_tents_of_other_loads_have_the_same_tip_force() -> None:
                 displacement[0, 2] = -depth
                 work.membrane.set_displacement(displacement)
                 size = {name: one.scene["stages"][0].get("pressure", 0.0) for name in model.scene.pressures}
-                work.membrane.set_pressures(model.chamber_pressures(size))
-                work.membrane.set_loads(model.nodal_loads(size, dict.fromkeys(model.scene.loads, 1.0)))
+                state = LoadState.of(pressure=size, load=dict.fromkeys(model.scene.loads, 1.0))
+                work.membrane.set_pressures(model.chamber_pressures(state))
+                work.membrane.set_loads(model.nodal_loads(state))
                 forces.append(work.membrane.out_of_balance()[0, 2])
         assert forces[:2] == pytest.approx(forces[2:], rel=1e-9)

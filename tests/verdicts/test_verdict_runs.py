@@ -10,21 +10,7 @@ from taichi_membrane.assurance.verdicts.case import Case
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
 
-# Until residuals of motions are compared with the reactions: 2.8 times their tolerance here.
-WRONG = ("annulus_15_0",)
-
-
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(
-            case,
-            id=case.name,
-            marks=[pytest.mark.xfail(reason="wrong verdict", strict=True)] if case.name in WRONG else [],
-        )
-        for case in catalogue.chosen([], "small")
-    ],
-)
+@pytest.mark.parametrize("case", [pytest.param(case, id=case.name) for case in catalogue.chosen([], "small")])
 def test_what_runs_say_of_themselves_is_true(case: Case) -> None:
     one = report.judged(case, [bench.run(case, steps) for steps in case.steps])
     assert [(run.steps, fault) for run, wrong in zip(one.findings, one.wrong, strict=True) for fault in wrong] == []
