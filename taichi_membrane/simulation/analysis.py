@@ -16,7 +16,6 @@ from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import StepResult
 from taichi_membrane.simulation.state import PathState, State
-from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.path import PathPoint
 from taichi_membrane.solvers.record import Progress, SolveRecord
 
@@ -167,7 +166,7 @@ class Analysis:
             return  # it has ended
         newton = self.newton
         assert newton is not None  # chosen_solver refuses arc length without it
-        path = self.equilibrium.path(Way(newton, course.start, course.target, self.equilibrium.press))
+        path = self.equilibrium.path(self.equilibrium.way(course.start, course.target))
         started = time.perf_counter()
         origin = self.membrane.displacement()
         if had:

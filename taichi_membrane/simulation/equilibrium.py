@@ -239,12 +239,25 @@ class Equilibrium:
 
         return self.contact.solve(work, self.tolerance, reference)
 
+    def way(self, before: LoadState, after: LoadState) -> Way:
+        """The straight way between two load states; there has to be a Newton solver."""
+        assert self.newton is not None
+        moves = before.motions != after.motions
+        return Way(
+            self.newton,
+            before,
+            after,
+            self.apply if moves else self.press,
+            lambda state: self.tolerance * force_now(self.reference(state)),
+        )
+
     def path(self, way: Way) -> Path:
         """The equilibrium path in the share of a way, by arc length."""
         least = _LEAST_REFERENCE * max(force_now(self.reference(one)) for one in (way.before, way.after))
         return Path(
             way.newton,
             apply=way.press,
+            force=way.force,
             reference=lambda share: max(least, self._applied(way.at(share))),
             tolerance=self.tolerance,
         )

@@ -16,7 +16,7 @@ from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.policy import POLICY, Event, Passage, Policy, Trace
 from taichi_membrane.simulation.way import Rest, Way
-from taichi_membrane.solvers.path import Path, PathEnd, PathPoint, follow
+from taichi_membrane.solvers.path import Path, PathEnd, PathPoint, Seen, follow
 from taichi_membrane.solvers.record import Progress, SolveRecord, force_now, joined
 
 if TYPE_CHECKING:
@@ -96,9 +96,7 @@ class LoadStep:
         assert equilibrium.newton is not None
         self.equilibrium, self.newton, self.membrane = equilibrium, equilibrium.newton, equilibrium.membrane
         self.stiffest, self.snaps, self.report, self.policy = stiffest, snaps, report, policy
-        self.way = Way(
-            self.newton, before, after, equilibrium.apply if before.motions != after.motions else equilibrium.press
-        )
+        self.way = equilibrium.way(before, after)
         self.start = self.membrane.displacement()
         self.records: list[SolveRecord] = []
         self.trace: list[Passage] = []
@@ -234,7 +232,7 @@ class LoadStep:
             path,
             begin,
             1.0,
-            compare=self._smooth,
+            see=self._seen,
             longest=longest or np.inf,
             shortest=self.policy.shortest,
             progress=self._progress,
@@ -356,9 +354,14 @@ class LoadStep:
     def _compare(self, a: Rest, b: Rest) -> str:
         return self.way.compare(a, b, self.policy.resolution).kind
 
-    def _smooth(self, a: PathPoint, b: PathPoint) -> tuple[bool, float]:
-        found = self.way.compare(self.way.of_point(a), self.way.of_point(b), self.policy.resolution)
-        return found.kind == "consistent", found.slack
+    def _seen(self, a: PathPoint, b: PathPoint) -> Seen:
+        """What is seen of the piece of the path between two points."""
+        first, second = self.way.of_point(a), self.way.of_point(b)
+        found = self.way.compare(first, second, self.policy.resolution)
+        rise = b.factor - a.factor
+        softens = b.negative == 0 and rise > found.noise
+        near = not softens or abs(second.stiffness or 0.0) >= self.policy.softening * abs(first.stiffness or 0.0)
+        return Seen(found.kind == "consistent" and near, found.slack, found.noise)
 
     def _progress(self, point: PathPoint) -> None:
         if self.report is not None:

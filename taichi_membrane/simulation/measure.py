@@ -18,7 +18,6 @@ from taichi_membrane.simulation.present import Present
 from taichi_membrane.simulation.results import ModeResult, StepResult
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.state import State
-from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.record import SolveRecord
 
 
@@ -149,7 +148,7 @@ class Measure:
         if asked is not None and asked.kind == "vibration":
             shapes = modes.vibration(newton, factor, self._mass, asked)
         elif asked is not None and course.start != course.target:
-            path = self.equilibrium.path(Way(newton, course.start, course.target, self.equilibrium.press))
+            path = self.equilibrium.path(self.equilibrium.way(course.start, course.target))
             shapes = modes.buckling(path, displacement, share, factor, asked)
         return AtRest(factor.negative, found, shapes)
 

@@ -64,6 +64,10 @@ class Policy:
         and at a tenth the load is within about a percent of a parabola's limit (1 − λ/λ_max = (s/s₀)²).
     :param parts: halvings of a step; what is still curved at 2⁻¹⁰ of it is a kink, which no finer cut makes smooth.
     :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to.
+    :param softening: a step of the path after which s has fallen below this share is looked for nearer. A jump that e does not show
+        is a ninth of the step at most; so steps have to shrink as a limit comes near, where s goes to zero with the distance to it:
+        halved again and again, five points reach its last thousandth ((½)¹⁰). Uncut, one of twelve runs of a bent tube jumped over
+        the first ring that wrinkles: its limit came out 1.6·10⁻³ too high.
     :param balance: residual over tolerance up to which a start counts as an equilibrium. Between the two stand the changes that a
         pressure's rounding or a shut valve bring; starts that are none, such as prestress let go, are off by 1e4 and more.
     :param above: share of the step above a point of bifurcation at which a branch is looked for: ten times the width it is
@@ -76,6 +80,7 @@ class Policy:
     soft: float = 0.1
     parts: int = 10
     shortest: float = 1e-3
+    softening: float = 0.5
     balance: float = 1e2
     above: float = 1e-2
     branches: int = 3

@@ -49,21 +49,31 @@ class Comparison:
     :param kind: ``consistent``; ``curved`` (too curved to tell); ``jump`` (the secant is softer than both ends: a jump, or a limit,
         lies between); ``unknown`` (a tangent is singular).
     :param slack: how much of the share the difference of secant and tangents comes to.
+    :param noise: how much of the share residuals come to: what the two are not known better than.
     """
 
     kind: Kind
     slack: float = 0.0
+    noise: float = 0.0
 
 
 class Way:
     """The straight way from one load state to another.
 
     :param press: sets pressures and loads of a load state, and prescribed displacements where they move.
+    :param allowed: the 2-norm of out-of-balance forces that an equilibrium at a load state may have.
     """
 
-    def __init__(self, newton: Newton, before: LoadState, after: LoadState, press: Callable[[LoadState], None]) -> None:
+    def __init__(
+        self,
+        newton: Newton,
+        before: LoadState,
+        after: LoadState,
+        press: Callable[[LoadState], None],
+        allowed: Callable[[LoadState], float],
+    ) -> None:
         self.newton, self.membrane = newton, newton.membrane
-        self.before, self.after, self._press = before, after, press
+        self.before, self.after, self._press, self._allowed = before, after, press, allowed
         self.moves = before.motions != after.motions
 
     def at(self, share: float) -> LoadState:
@@ -87,6 +97,13 @@ class Way:
             self.membrane.set_displacement(position)
             self.press(share)
         return np.asarray(change)
+
+    def noise(self, share: float, force: Floats) -> float:
+        """The share that an equilibrium is not known better than: residuals r displace it by K⁻¹r, as r/f of the way would.
+
+        :param force: its :meth:`force`.
+        """
+        return self._allowed(self.at(share)) / (float(np.linalg.norm(force)) or np.inf)
 
     def rest(self, share: float) -> Rest:
         """The present equilibrium at a share of the way; its factorised tangent is kept for the next step."""
@@ -128,10 +145,11 @@ class Way:
             return Comparison("consistent" if change == 0.0 else "curved")
         secant = change / work
         deviation = 0.5 * (a.stiffness + b.stiffness) - secant
+        noise = self.noise(a.share, a.force) + self.noise(b.share, b.force)
         slack = abs(deviation * work)
-        if abs(deviation) <= resolution * largest:
-            return Comparison("consistent", slack)
-        return Comparison("jump" if secant < min(a.stiffness, b.stiffness) else "curved", slack)
+        if slack <= resolution * largest * abs(work) + noise:
+            return Comparison("consistent", slack, noise)
+        return Comparison("jump" if secant < min(a.stiffness, b.stiffness) else "curved", slack, noise)
 
     def _load_displacement(self, a: Rest, b: Rest) -> float:
         """ΔP = ∫ f · du along the chord, by Simpson's rule.

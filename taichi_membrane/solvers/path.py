@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,16 +65,22 @@ class Path:
     """Follows an equilibrium path in a load factor.
 
     :param apply: sets pressures and loads of the membrane for a load factor; both depend on it linearly.
+    :param force: (node_count, 3) change of the free forces per load factor at fixed displacements; leaves the factor applied.
     :param reference: 2-norm of the forces applied at a load factor, to which residuals there are compared: a membrane without
         its shape yet moves far under a thousandth of its load, and a path held to the whole load's tolerance is lost there.
     """
 
     def __init__(
-        self, newton: Newton, apply: Callable[[float], None], reference: Callable[[float], float], tolerance: float
+        self,
+        newton: Newton,
+        apply: Callable[[float], None],
+        force: Callable[[float], Floats],
+        reference: Callable[[float], float],
+        tolerance: float,
     ) -> None:
         self.newton = newton
         self.membrane = newton.membrane
-        self.apply, self.reference, self.tolerance = apply, reference, tolerance
+        self.apply, self.force, self.reference, self.tolerance = apply, force, reference, tolerance
 
     def start(self, position: Floats, factor: float) -> PathPoint | None:
         """The path's first point, an equilibrium already; None where its tangent is singular."""
@@ -188,14 +195,7 @@ class Path:
 
     def tangent(self, stiffness: Factor, factor: float) -> Floats:
         """(node_count, 3) du/dλ at the present equilibrium, from its factorised tangent stiffness."""
-        return stiffness.solve(self._unit_force(factor))
-
-    def _unit_force(self, factor: float) -> Floats:
-        """(node_count, 3) change of the free forces per load factor at fixed displacements; leaves ``factor`` applied."""
-        self.apply(factor + 1.0)
-        more = self.newton.free_force()
-        self.apply(factor)
-        return more - self.newton.free_force()
+        return stiffness.solve(self.force(factor))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,20 +217,31 @@ class PathEnd:
     iterations: int
 
 
+class Seen(NamedTuple):
+    """What two points of a path tell of the piece between them.
+
+    :param smooth: whether they are seen to lie on one smooth piece, short enough; else one is looked for nearer.
+    :param slack: how much of the load factor secant and tangents differ by.
+    :param noise: how much of the load factor residuals come to: the two are not known better.
+    """
+
+    smooth: bool
+    slack: float
+    noise: float
+
+
 def follow(
     path: Path,
     start: PathPoint,
     target: float,
     *,
-    compare: Callable[[PathPoint, PathPoint], tuple[bool, float]],
+    see: Callable[[PathPoint, PathPoint], Seen],
     longest: float,
     shortest: float,
     progress: Callable[[PathPoint], None],
 ) -> PathEnd:
     """Follow a path from a stable point, with rising load, to a target load factor or to where it loses its stability.
 
-    :param compare: whether two points are seen to lie on one smooth path, and how much of the load factor secant and tangents
-        differ by; a point that fails is looked for nearer.
     :param longest: of the first step, a distance; ``shortest``: share of the first step below which points are taken as they are.
 
     A limit is bracketed to :data:`_BRACKET` of the factor's way from 0 to the target.
@@ -245,11 +256,11 @@ def follow(
         spent += point.iterations
         progress(point)
         moved = float(np.linalg.norm(point.advance))
-        smooth, slack = compare(last, point)
+        smooth, slack, noise = see(last, point)
         if not smooth and moved > least:
             length = 0.5 * moved
             continue
-        if point.negative == 0 and point.factor > last.factor:
+        if point.negative == 0 and point.factor > last.factor - noise:
             if point.factor >= target:
                 return PathEnd(reason="target", last=last, beyond=point, upper=None, iterations=spent)
             last, length = point, longer
@@ -271,17 +282,20 @@ def _upper_bound(before: PathPoint, after: PathPoint, slack: float, *, at_floor:
     :param slack: what the path may bulge above its tangents, as far as they and the secant differ.
     :param at_floor: the two are as near as points are looked for: the rising one's tangent bounds a path that is not concave, too.
     """
-    upper = after.factor if after.slope() >= 0.0 else _crossing(before, after) + slack
+    length = float(np.linalg.norm(after.advance))
+    # dx/dλ over the distance x along the chord, as λ(x) need not be concave over an arc that turns: where a column buckles the
+    # tangents of both ends are as steep as one likes along a chord that they hardly go along.
+    rise, fall = (float(np.vdot(point.tangent, after.advance)) / length for point in (before, after))
+    upper = after.factor if fall >= 0.0 else _crossing(before.factor, max(rise, 0.0), after.factor, fall, length) + slack
     if upper >= max(before.factor, after.factor):
         return upper
     # Tangents that meet below either point belong to a path that is not concave between them.
-    rise = max(before.slope(), 0.0) * float(np.linalg.norm(after.advance))
-    return max(after.factor, before.factor + rise) if at_floor else None
+    return max(after.factor, before.factor + length / rise if rise > 0.0 else np.inf) if at_floor else None
 
 
-def _crossing(before: PathPoint, after: PathPoint) -> float:
-    """Load factor where the tangents of a rising and a falling point meet: not below a concave path between them."""
-    rise, fall = before.slope(), after.slope()
-    length = float(np.linalg.norm(after.advance))
-    at = (after.factor - before.factor - fall * length) / (rise - fall)
-    return before.factor + rise * at
+def _crossing(before: float, rise: float, after: float, fall: float, length: float) -> float:
+    """Load factor where the tangents of a rising and a falling point meet: not below a concave path between them.
+
+    :param rise: dx/dλ ≥ 0 at the first, ``fall`` < 0 at the second, ``length`` further.
+    """
+    return (length + rise * before - fall * after) / (rise - fall)

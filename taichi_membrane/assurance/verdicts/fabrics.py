@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from taichi_membrane import shapes
@@ -67,7 +66,7 @@ def guided(steps: int, angle: float) -> Problem:
     straight = tube_mesh(_R)
     turn = Rotation.from_euler("z", angle, degrees=True)
     groups = {name: members for name, members in straight.node_groups.items() if name not in ("all", "boundary")}
-    mesh = Mesh.build(np.array(turn.apply(straight.points)), straight.triangles, groups)
+    mesh = Mesh.build(straight.points @ turn.as_matrix().T, straight.triangles, groups)
     scene: dict[str, Any] = dict(beam(mesh, _P, _R, steps).scene)
     scene["supports"] = [*scene["supports"], {"group": "end", "normal": turn.apply([0.0, 1.0, 0.0]).tolist()}]
     return Problem(scene=scene, mesh=mesh, measure=nothing)

@@ -21,8 +21,6 @@ Floats = NDArray[np.float64]
 # fabric has exact zeros. Below the first negative eigenvalue of a passed limit (1e-4 and more in size) by orders of magnitude.
 _NOISE = 1e-9
 _DENSE = 3000  # up to so many components eigenvalues are found densely: 2.5 s; above by the signs of a sparse factor's pivots
-# A motion that meets no resistance leaves no reactions to compare with: a share of what it would take to hold every node alone.
-_LEAST_REACTION = 1e-8
 
 
 def place(work: Any, model: Model, step: StepResult) -> None:
@@ -44,9 +42,11 @@ def examine(work: Any, model: Model, step: StepResult, *, potential: bool = True
     reaction = work.membrane.from_frames(np.where(held, -force, 0.0))
     applied = model.reference_load(LoadState(step.drivers))
     scale = float(np.hypot(applied, work.membrane.prestress_norm()))
+    tolerance = work.equilibrium.tolerance
     if applied == 0.0 and scale == 0.0:
-        least = 2.0 * work.relaxation.masses()[:, None] * step.displacement
-        scale = max(float(np.linalg.norm(reaction)), _LEAST_REACTION * float(np.linalg.norm(least)))
+        scale = float(np.linalg.norm(reaction))
+        called = _called_up(work, model, step)
+        scale = called if scale <= tolerance * called else scale
     size = float(np.linalg.norm(np.where(held, 0.0, force)))
     largest = float(np.abs(reaction).max())
     differs = float(np.abs(reaction - step.reaction).max())
@@ -54,11 +54,20 @@ def examine(work: Any, model: Model, step: StepResult, *, potential: bool = True
         stage=step.stage,
         stage_step=step.stage_step,
         residual=0.0 if size == 0.0 else size / scale if scale > 0.0 else np.inf,
-        tolerance=work.equilibrium.tolerance,
+        tolerance=tolerance,
         reactions=0.0 if differs == 0.0 else differs / largest if largest > 0.0 else np.inf,
         negative=negative_eigenvalues(tangent(work, model, step)) if potential and has_tangent(work) else None,
         told=step.negative_pivots,
     )
+
+
+def _called_up(work: Any, model: Model, step: StepResult) -> float:
+    """2-norm of the forces that a state's motions call up before anything gives way: what no resistance is compared with."""
+    moved = model.moved(np.zeros_like(step.displacement), LoadState(step.drivers))
+    work.membrane.set_displacement(moved)
+    force = float(np.linalg.norm(work.membrane.out_of_balance()))
+    work.membrane.set_displacement(step.displacement)
+    return force
 
 
 def has_tangent(work: Any) -> bool:
