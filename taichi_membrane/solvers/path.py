@@ -8,7 +8,7 @@ stable part of the path from the rest.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,8 @@ _LONGER, _SHORTER = 1.5, 0.7
 _HALVINGS, _RUNAWAY = 12, 1e3
 # Towards a target: the first step as a share of the way, most steps, how closely a limit is bracketed, the step after passing one.
 _FIRST_STEP, _MOST_STEPS, _BRACKET, _REFINE = 0.25, 100, 1e-3, 0.3
+# A point that lies more across the step than along it (45°) may be of another branch, and is looked for nearer.
+_STRAIGHT = 0.7
 # Steps that have shrunk so far below the shortest are round-off: the path is lost.
 _VANISHING = 1e-9
 
@@ -37,6 +39,7 @@ class PathPoint:
     :param tangent: (node_count, 3) du/dλ.
     :param negative: negative pivots of the tangent stiffness: 0 where the equilibrium is stable.
     :param advance: (node_count, 3) the step that led here; zero at the start.
+    :param foretold: length of that step before its corrections, which lie across it.
     :param iterations: corrections of that step, those of halved attempts included.
     :param residual: out-of-balance forces over the reference load.
     """
@@ -48,6 +51,7 @@ class PathPoint:
     advance: Floats
     iterations: int
     residual: float
+    foretold: float = 0.0
 
     def length_for(self, change: float) -> float:
         """Distance along the tangent in which the load factor changes so much."""
@@ -101,7 +105,7 @@ class Path:
             spent += iterations
             if point is not None:
                 longer = _LONGER if iterations <= _FEW else _SHORTER if iterations >= _MANY else 1.0
-                return PathPoint(**{**vars(point), "iterations": spent}), length * longer
+                return replace(point, iterations=spent, foretold=length), length * longer
             length *= 0.5
         return None, length
 
@@ -244,9 +248,10 @@ def follow(
 
     :param longest: of the first step, a distance; ``shortest``: share of the first step below which points are taken as they are.
 
-    A limit is bracketed to :data:`_BRACKET` of the factor's way from 0 to the target.
+    A limit is bracketed to :data:`_BRACKET` of the factor's way from 0 to the target, by two pairs of points: the bound that one
+    gives has to hold for the nearer one, as a path that turns sharply, such as a column's, need not be concave.
     """
-    last, spent = start, 0
+    last, spent, bound = start, 0, -np.inf
     length = min(start.length_for(_FIRST_STEP * (target - start.factor)), longest)
     least = shortest * length
     for _ in range(_MOST_STEPS):
@@ -257,8 +262,8 @@ def follow(
         progress(point)
         moved = float(np.linalg.norm(point.advance))
         smooth, slack, noise = see(last, point)
-        if not smooth and moved > least:
-            length = 0.5 * moved
+        if not (smooth and point.foretold >= _STRAIGHT * moved) and moved > least:
+            length = 0.5 * point.foretold
             continue
         if point.negative == 0 and point.factor > last.factor - noise:
             if point.factor >= target:
@@ -266,13 +271,16 @@ def follow(
             last, length = point, longer
             continue
         upper = _upper_bound(last, point, slack, at_floor=moved <= least)
-        if upper is not None and upper - last.factor <= _BRACKET * target:
+        narrow = upper is not None and upper - last.factor <= _BRACKET * target
+        if upper is not None and narrow and upper <= bound + noise:
             falling = point.slope() < 0.0 or point.factor < last.factor
             reason = "limit" if falling else "bifurcation"
             return PathEnd(reason=reason, last=last, beyond=point, upper=upper, iterations=spent)
         if moved <= _VANISHING * least:
             break
-        length = _REFINE * moved
+        if upper is not None and narrow:
+            bound = upper
+        length = _REFINE * point.foretold
     return PathEnd(reason="lost", last=last, beyond=None, upper=None, iterations=spent)
 
 
@@ -286,7 +294,9 @@ def _upper_bound(before: PathPoint, after: PathPoint, slack: float, *, at_floor:
     # dx/dλ over the distance x along the chord, as λ(x) need not be concave over an arc that turns: where a column buckles the
     # tangents of both ends are as steep as one likes along a chord that they hardly go along.
     rise, fall = (float(np.vdot(point.tangent, after.advance)) / length for point in (before, after))
-    upper = after.factor if fall >= 0.0 else _crossing(before.factor, max(rise, 0.0), after.factor, fall, length) + slack
+    upper = (
+        after.factor if fall >= 0.0 else _crossing(before.factor, max(rise, 0.0), after.factor, fall, length) + slack
+    )
     if upper >= max(before.factor, after.factor):
         return upper
     # Tangents that meet below either point belong to a path that is not concave between them.
