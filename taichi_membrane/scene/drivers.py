@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 from taichi_membrane.scene.support import Rotation, Translation
 
 if TYPE_CHECKING:
-    from taichi_membrane.scene.models import Load, Pressure, Scene, Stage, Units
+    from taichi_membrane.scene.loads import Load, Pressure
+    from taichi_membrane.scene.models import Scene, Units
+    from taichi_membrane.scene.stage import Stage
 
 
 @dataclass(frozen=True, kw_only=True)
