@@ -1,7 +1,8 @@
 """The kinds of drivers, in one table: what stages ramp, from pressures to motions.
 
 Names such as ``load.tip``, stages, columns, labels, files, derivatives, probes and curves follow the table. A new kind is its
-model with a key of :class:`Scene` and one of :class:`Stage`, and one entry here; ``simulation/model.py`` has what it does.
+model with a key of :class:`Scene` and one of :class:`Stage`, and one entry here; ``simulation/`` has what it does, such as
+dead forces in ``dead_forces.py``.
 """
 
 from __future__ import annotations
