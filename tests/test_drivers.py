@@ -12,12 +12,12 @@ from pydantic import Field
 from run_files import same
 
 import taichi_membrane as tm
-from taichi_membrane.commands.report import step_columns
 from taichi_membrane.execution.run import summarise
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output import reader
+from taichi_membrane.output.tables import step_columns
 from taichi_membrane.scene import Scene, Stage, drivers
 from taichi_membrane.scene.base import Record
 from taichi_membrane.scene.drivers import DriverKind, driver_names, driver_unit, stage_values

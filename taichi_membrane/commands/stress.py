@@ -10,8 +10,7 @@ import typer
 from taichi_membrane.assurance.stability import catalogue, report
 from taichi_membrane.assurance.stability.case import CONVERGED, Entry, judge
 from taichi_membrane.assurance.stability.sweep import run_all
-
-UNSAFE = 1  # the exit code of a failing check too
+from taichi_membrane.commands.common import CHECK_FAILS
 
 
 def stress(full: bool, out: Path, only: list[str], jobs: int) -> int:
@@ -60,4 +59,4 @@ def _summary(reports: Sequence[report.SweepReport]) -> int:
         f"{known} wrong and documented, {wrong} wrong"
         + (f"; the default solver falls short in {', '.join(short)}" if short else "")
     )
-    return UNSAFE if wrong or short else 0
+    return CHECK_FAILS if wrong or short else 0

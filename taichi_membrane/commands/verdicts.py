@@ -10,8 +10,7 @@ import typer
 from taichi_membrane.assurance.verdicts import catalogue, report
 from taichi_membrane.assurance.verdicts.case import Case, Finding
 from taichi_membrane.assurance.verdicts.sweep import run_all
-
-UNTRUE = 1  # the exit code of a failing check too
+from taichi_membrane.commands.common import CHECK_FAILS
 
 
 def verdicts(full: bool, out: Path, only: Sequence[str], jobs: int) -> int:
@@ -38,4 +37,4 @@ def verdicts(full: bool, out: Path, only: Sequence[str], jobs: int) -> int:
         typer.echo(f"wrote {path}", err=True)
     heads, *_, last = report.summary(reports)
     typer.echo("; ".join(f"{head} {cell}" for head, cell in zip(heads[1:], last[1:], strict=True)))
-    return UNTRUE if any(run for one in reports for run in one.wrong) else 0
+    return CHECK_FAILS if any(run for one in reports for run in one.wrong) else 0

@@ -8,8 +8,7 @@ import typer
 
 from taichi_membrane.assurance.verification import catalogue, report
 from taichi_membrane.assurance.verification.benchmark import BenchmarkResult, run_benchmark
-
-CASE_FAILS = 1  # the exit code of a failing check too
+from taichi_membrane.commands.common import CHECK_FAILS
 
 
 def verify(full: bool, out: Path, only: list[str]) -> int:
@@ -33,7 +32,7 @@ def verify(full: bool, out: Path, only: list[str]) -> int:
         f"{len(results) - len(failed)} of {len(results)} cases passed"
         + (f"; failed: {', '.join(failed)}" if failed else "")
     )
-    return CASE_FAILS if failed else 0
+    return CHECK_FAILS if failed else 0
 
 
 def _print(result: BenchmarkResult) -> None:
