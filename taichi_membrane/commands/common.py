@@ -43,6 +43,18 @@ def naming(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
+def made_folder(path: Path) -> Path:
+    """The folder that results go to, made now rather than after minutes of work.
+
+    :raises InputError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: the output folder cannot be made: {error.strerror}") from error
+    return path
+
+
 def console(*, stderr: bool = False) -> Console:
     """The terminal, or what it is redirected to."""
     from rich.console import Console

@@ -134,6 +134,8 @@ class _Search:
                 f"--probe {probe!r}: not a probe of {self.source}; {not_one_of(probe, list(plain.probes))}"
             )
         dumped = plain.model_dump(mode="json")
+        if not free:
+            raise InputError("--free: no setting to find is named")
         self.free = tuple(_free(text, self.source, dumped) for text in free)
         if len(measured.x) <= len(self.free):
             raise InputError(

@@ -210,8 +210,8 @@ class Scene(Record):
             if self.derivatives or self.modes is not None:
                 raise ValueError(f"{'derivatives' if self.derivatives else 'modes'} {told}")
             for stage in self.stages:
-                if stage.control == "arc_length" or stage.until == "collapse":
-                    key = "control = 'arc_length'" if stage.control == "arc_length" else "until = 'collapse'"
+                if stage.control == "arc_length" or stage.until in ("collapse", "collapse_or_target"):
+                    key = "control = 'arc_length'" if stage.control == "arc_length" else f"until = {stage.until!r}"
                     raise ValueError(f"stages.{stage.name}.{key} {told}")
 
     def _check_closed(self, stage: Stage) -> None:
