@@ -215,6 +215,10 @@ def test_a_usage_error_ends_with_2(scene: str, arguments: list[str]) -> None:
         (["sweep", "ball.toml", "--vary", "mesh.radius=1,2", "--store", "ball.toml"], "--store ball.toml: the folder"),
         (["sweep", "ball.toml", "--vary", "mesh.radius=1:2:10000000"], "10000000 values; at most 1000000"),
         (["fit", "ball.toml", "--to", "m.csv", "--free", ",", "--probe", "radius"], "--free: no setting to find"),
+        (
+            ["fit", "ball.toml", "--to", "m.csv", "--free", "fabric.E,fabric.E", "--probe", "radius"],
+            "--free: fabric.E named more than once",
+        ),
         (["run", ""], "the name of the scene is empty"),
         (["check", " "], "the name of the scene is empty"),
     ],
