@@ -271,7 +271,7 @@ stages = [{ name = "inflate", pressure = 0.002 }]
 
 @settings(PROFILE, max_examples=300)
 @given(content=st.binary(max_size=200) | st.text(max_size=100).map(str.encode), name=st.sampled_from(sorted(FORMATS)))
-def test_garbage_is_refused(tmp_path: Path, good_files: dict[str, bytes], content: bytes, name: str) -> None:
+def test_garbage_is_refused(tmp_path: Path, content: bytes, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(content)
     assert refused_or_sound(path)

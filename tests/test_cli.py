@@ -206,6 +206,33 @@ def test_a_usage_error_ends_with_2(scene: str, arguments: list[str]) -> None:
     assert "Usage:" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["verify", "--only", "hencky", "--out", "ball.toml"], "ball.toml: the output folder cannot be made"),
+        (["stress", "--only", "smallest", "--out", "ball.toml"], "ball.toml: the output folder cannot be made"),
+        (["stress", "--set", "verdicts", "--only", "tubes", "--out", "ball.toml"], "the output folder cannot be made"),
+        (["sweep", "ball.toml", "--vary", "mesh.radius=1,2", "--store", "ball.toml"], "--store ball.toml: the folder"),
+        (["sweep", "ball.toml", "--vary", "mesh.radius=1:2:10000000"], "10000000 values; at most 1000000"),
+        (["fit", "ball.toml", "--to", "m.csv", "--free", ",", "--probe", "radius"], "--free: no setting to find"),
+        (
+            ["fit", "ball.toml", "--to", "m.csv", "--free", "fabric.E,fabric.E", "--probe", "radius"],
+            "--free: fabric.E named more than once",
+        ),
+        (["run", ""], "the name of the scene is empty"),
+        (["check", " "], "the name of the scene is empty"),
+    ],
+)
+def test_what_cannot_be_is_told_before_any_work(scene: str, arguments: list[str], expected: str) -> None:
+    Path("m.csv").write_text("pressure,radius\n1,2\n2,3\n3,4\n", encoding="utf-8")
+    done = call(*arguments)
+    assert done.exit_code == 2
+    assert done.stderr.startswith("error: ")
+    assert expected in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stdout == ""
+
+
 def test_a_run_without_a_terminal_prints_plain_lines_of_80_columns(scene: str, tmp_path: Path) -> None:
     """A process of its own: pictures too, so that whatever Taichi or meshio might print would be seen."""
     done = call_process("run", scene, cwd=tmp_path)

@@ -12,16 +12,16 @@ from pydantic import Field
 from run_files import same
 
 import taichi_membrane as tm
-from taichi_membrane.commands.report import step_columns
 from taichi_membrane.execution.run import summarise
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output import reader
+from taichi_membrane.output.tables import step_columns
 from taichi_membrane.scene import Scene, Stage, drivers
 from taichi_membrane.scene.base import Record
 from taichi_membrane.scene.drivers import DriverKind, driver_names, driver_unit, stage_values
-from taichi_membrane.simulation import model
+from taichi_membrane.simulation import dead_forces
 from taichi_membrane.simulation.load_state import Course, LoadState, stage_targets, unloaded
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
@@ -80,7 +80,7 @@ def test_a_new_kind_goes_everywhere_that_a_pressure_goes(tmp_path: Path, monkeyp
     """And to the same numbers, as it acts like one."""
     as_pressure = tm.run(sheet("pressure"))
     monkeypatch.setattr(drivers, "DRIVERS", (*drivers.DRIVERS, WIND))
-    monkeypatch.setattr(model, "DEAD_FORCES", {**model.DEAD_FORCES, "wind": blow})
+    monkeypatch.setattr(dead_forces, "DEAD_FORCES", {**dead_forces.DEAD_FORCES, "wind": blow})
     monkeypatch.setattr(reader, "Scene", WindyScene)
     scene = sheet("wind")
     assert driver_names(scene) == ["pressure.push", "wind.gust"]

@@ -240,6 +240,13 @@ def test_without_cables_and_planes_there_is_no_field_of_theirs() -> None:
             {"stages": [{"name": "s", "control": "arc_length"}]},
             "arc_length' is not implemented for a scene with planes",
         ),
+        *(
+            (
+                {"stages": [{"name": "s", "until": until}]},
+                f"until = '{until}' is not implemented for a scene with planes",
+            )
+            for until in ("collapse", "collapse_or_target")
+        ),
     ],
 )
 def test_bad_cables_and_planes_are_refused(changes: dict[str, Any], told: str) -> None:

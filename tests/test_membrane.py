@@ -1,4 +1,4 @@
-"""The engine as a whole: mass bound, warp directions, features that cost nothing, scales, repeatability, single precision."""
+"""The engine as a whole: mass bound, warp directions, scales, repeatability, single precision."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ import numpy as np
 import oracle
 import pytest
 import scipy.linalg
-import taichi as ti
+from bodies import ORTHOTROPIC, closed_body, law
 from oracle import Floats
 from test_element import KINDS, Body, joined, moduli_of, orthotropic
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.mechanics import element, fabric, preparation
+from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import FabricConstants
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
-from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation import model
 from taichi_membrane.solvers.relaxation import Relaxation
@@ -28,27 +27,6 @@ from taichi_membrane.solvers.relaxation import Relaxation
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
 EPS = np.finfo(np.float64).eps
-ISOTROPIC = FabricConstants(e_warp=1.0, e_weft=1.0, poisson=0.3, shear=1 / 2.6, thickness=1.0, law="none")
-ORTHOTROPIC = FabricConstants(e_warp=2.0, e_weft=0.3, poisson=0.4, shear=0.05, thickness=1.0)
-
-
-def closed_body(
-    fabric: FabricConstants = ORTHOTROPIC, *, scale: float = 1.0, offset: float = 0.0, **parts: Any
-) -> Structure:
-    """An irregular body under one pressure; its coordinates are multiples of 2⁻²⁰, so that offsets by 2²⁰ are exact."""
-    rng = np.random.default_rng(21)
-    base, triangles = oracle.icosahedron()
-    points = np.round((base * [1.0, 1.3, 0.8] + rng.uniform(-0.1, 0.1, base.shape)) * 2**20) / 2**20
-    given = {
-        "mesh": Mesh.build(points * scale + offset, triangles),
-        "fabrics": (fabric,),
-        "tri_fabric": np.zeros(20, dtype=np.int32),
-        "tri_warp": rng.normal(size=(20, 3)),
-        "node_held": np.zeros((12, 3), dtype=bool),
-        "tri_chamber": np.zeros(20, dtype=np.int32),
-        "loads": False,
-    }
-    return Structure(**{**given, **parts})
 
 
 # ---- fictitious mass
@@ -236,94 +214,6 @@ def test_warp_perpendicular_to_its_element_is_refused_with_the_element() -> None
         panel_model(warp=[0.0, 0.0, 1.0])
     turned = panel_model(E_warp=None, E_weft=None, G=None, E=1.0, warp=[0.0, 0.0, 1.0])
     assert np.all(np.isfinite(preparation.triangle_geometry(turned.structure.mesh, turned.structure.tri_warp).warp))
-
-
-# ---- features
-
-PLAIN: dict[str, Any] = {"tri_chamber": np.full(20, -1, dtype=np.int32)}
-OPTIONAL = ("tri_fabric", "fabric_variant", "fabric_prestrain", "chamber_pressure", "tri_chamber", "node_load")
-TRAPS = {
-    "tension_field": fabric,
-    "wrinkled_stress": fabric,
-    "clipped": fabric,
-    "wrinkle_direction_root": fabric,
-    "pressure_corner_force": element,
-    "swept_volume": element,
-}
-
-
-def law(name: str, **changes: Any) -> FabricConstants:
-    """The isotropic fabric under another law."""
-    return FabricConstants(**{**vars(ISOTROPIC), "law": name, **changes})
-
-
-USERS: dict[str, Structure] = {
-    "tension_field": closed_body(law("tension_field"), **PLAIN),
-    "wrinkled_stress": closed_body(law("tension_field"), **PLAIN),
-    "clipped": closed_body(law("clip"), **PLAIN),
-    "wrinkle_direction_root": closed_body(ORTHOTROPIC, **PLAIN),
-    "pressure_corner_force": closed_body(ISOTROPIC),
-    "swept_volume": closed_body(ISOTROPIC),
-}
-
-
-def set_traps(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
-    """Make the named device functions fail when a kernel that calls them is compiled."""
-    for name in names:
-
-        def trap(*_: Any, name: str = name) -> None:
-            raise AssertionError(f"{name} was compiled")
-
-        monkeypatch.setattr(TRAPS[name], name, trap)
-
-
-def run_everything(structure: Structure) -> System:
-    """Build the engine for a structure and run each of its kernels."""
-    membrane = System(structure)
-    membrane.out_of_balance()
-    membrane.potential_energy(np.zeros((12, 3)))
-    membrane.element_state()
-    Relaxation(membrane).compile()
-    return membrane
-
-
-def test_a_plain_scene_owns_no_field_and_compiles_no_code_of_any_feature(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Linear isotropic fabric without pressure, loads and prestress, with a trap in every optional device function."""
-    set_traps(monkeypatch, *TRAPS)
-    membrane = run_everything(closed_body(ISOTROPIC, **PLAIN))
-    assert [name for name, _ in membrane.fields() if name in OPTIONAL] == []
-
-
-def test_an_isotropic_tension_field_compiles_no_direction_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nor the clipped law."""
-    set_traps(monkeypatch, "wrinkle_direction_root", "clipped")
-    run_everything(closed_body(law("tension_field"), **PLAIN))
-
-
-@pytest.mark.parametrize("name", TRAPS)
-def test_a_scene_that_uses_a_feature_compiles_it(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """The traps do work: the same run fails where the feature is used."""
-    set_traps(monkeypatch, name)
-    with pytest.raises(ti.TaichiCompilationError, match=f"{name} was compiled"):
-        run_everything(USERS[name])
-
-
-def test_fields_exist_exactly_where_a_feature_is_used() -> None:
-    """Second fabric, second kind of element code, prestress, one and several pressures, loads."""
-    two = {"fabrics": (ISOTROPIC, law("none", e_warp=2.0, e_weft=2.0, shear=2 / 2.6))}
-    half = np.repeat(np.array([0, 1], dtype=np.int32), 10)
-    stressed = law("none", prestress=(1.0, 0.0, 0.0))
-    cases: list[tuple[set[str], dict[str, Any]]] = [
-        ({"tri_fabric", "node_load"}, {**two, "tri_fabric": half, "loads": True}),
-        (
-            {"tri_fabric", "fabric_variant", "chamber_pressure"},
-            {"fabrics": (ISOTROPIC, law("clip")), "tri_fabric": half, "tri_chamber": 0 * half},
-        ),
-        ({"fabric_prestrain", "chamber_pressure", "tri_chamber"}, {"fabrics": (stressed,), "tri_chamber": half - 1}),
-    ]
-    for expected, parts in cases:
-        membrane = System(closed_body(ISOTROPIC, **{**PLAIN, **parts}))
-        assert {name for name, _ in membrane.fields() if name in OPTIONAL} == expected
 
 
 # ---- scales, repeats, precision

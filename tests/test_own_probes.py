@@ -11,10 +11,10 @@ import pytest
 from test_threads import sheet
 
 import taichi_membrane as tm
-from taichi_membrane.commands.report import step_columns
 from taichi_membrane.execution.observer import Silent
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.reader import read_run
+from taichi_membrane.output.tables import step_columns
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

@@ -8,20 +8,20 @@ import pytest
 from rich.console import Console
 from run_files import SCENE
 
-from taichi_membrane.commands import report
+from taichi_membrane.commands import printing
 from taichi_membrane.commands.progress import ProgressView
 from taichi_membrane.output import tables
 
 
-def column(header: str, width: int, rank: int) -> report.Column:
-    return report.Column(header, ["x" * width], rank)
+def column(header: str, width: int, rank: int) -> tables.Column:
+    return tables.Column(header, ["x" * width], rank)
 
 
 def test_columns_are_left_out_by_rank_until_the_rest_fits() -> None:
     columns = [column("a", 10, 0), column("b", 10, 2), column("c", 10, 1), column("d", 30, 1), column("e", 10, 0)]
 
     def shown(width: int) -> str:
-        return "".join(item.header for item in report.fitting(columns, width))
+        return "".join(item.header for item in printing.fitting(columns, width))
 
     assert shown(22) == "ae"  # 10 + 2 + 10
     assert shown(33) == "ae"
@@ -40,7 +40,7 @@ def test_columns_are_left_out_by_rank_until_the_rest_fits() -> None:
     ],
 )
 def test_numbered_names_are_shown_as_ranges(names: list[str], expected: list[str]) -> None:
-    assert report.ranges(names) == expected
+    assert printing.ranges(names) == expected
 
 
 def test_a_terminal_shows_one_line_that_is_rewritten() -> None:

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from resume_cases import NO_MOTION, RELAXATION, SCENE
 from run_files import different, outcome, same
 from typer.testing import CliRunner, Result
 
@@ -28,80 +28,6 @@ from taichi_membrane.output.reader import read_run, summary_checksum
 from taichi_membrane.scene import GivenMesh
 from taichi_membrane.simulation.results import StepResult
 
-ROOT = Path(__file__).resolve().parent.parent
-# Inflated, then bent and pushed until it wrinkles: Newton in double precision, relaxation in single.
-SCENE = """
-name = "beam"
-units = { length = "mm", force = "N" }
-mesh = { shape = "tube", radius = 25, length = 100, around = 8, along = 6, cap_end = "flat" }
-fabric = { E_warp = 4000, E_weft = 2500, nu = 0.1, G = 150, thickness = 0.1 }
-supports = [{ group = "start", hold = "xyz" }]
-loads = { side = { group = "end", direction = [0, -1, 0] } }
-motions = { push = { kind = "translation", group = "end", hold = "z", direction = [0, 0, -1] } }
-camera = { size = [320, 240] }
-curve = { x = "deflection", y = "load.side" }
-
-[[stages]]
-name = "inflate"
-pressure = 0.03
-steps = 2
-
-[[stages]]
-name = "load"
-steps = 3
-loads = { side = 2.0 }
-motions = { push = 2.0 }
-
-[probes]
-deflection = { kind = "displacement", group = "end", component = "y" }
-wrinkled = { kind = "area_share" }
-
-[[checks]]
-probe = "deflection"
-stage = "load"
-reference = 0.0
-absolute = 50.0
-source = "the tube is still there"
-"""
-# No step is handed the state of the one before but by its displacements; compiled once, run once for each step to go on from.
-EVERY_STEP = """
-import sys
-from pathlib import Path
-import numpy as np
-from run_files import same
-from dataclasses import replace
-from taichi_membrane.device import runtime
-from taichi_membrane.scene.file import load_scene
-from taichi_membrane.simulation.model import build_mesh, build_model
-runtime.start(precision=sys.argv[2])
-from taichi_membrane.simulation.analysis import Analysis
-from taichi_membrane.simulation.load_state import unloaded
-scene = load_scene(Path(sys.argv[1]), sys.argv[3:])
-work = Analysis(build_model(scene, build_mesh(scene)))
-if sys.argv[2] == "f32":
-    solve, membrane = work.equilibrium.solve, work.membrane
-    def unlucky(*arguments, **options):  # ends with a split that is as good as any, but not the one that set_displacement makes
-        record = solve(*arguments, **options)
-        for field, sign in ((membrane.node_displacement, 1), (membrane.node_displacement_rest, -1)):
-            field.from_numpy((field.to_numpy() + sign * membrane.displacement_quantum).astype("f4"))
-        return record
-    work.equilibrium.solve = unlucky
-whole = [replace(step, seconds=0.0) for step in work.steps()]
-assert len(whole) == 5 and whole[-1].converged and whole[-1].probes["wrinkled"] > 0.0, whole[-1].probes
-if work.newton is not None:  # a factorised tangent is handed on as well, one that may round or pivot otherwise than a new one
-    def kept():
-        displacement, pressures, factor = work.newton._kept
-        return displacement, pressures, factor.solve(np.ones_like(displacement))
-    next(work.steps(done=whole[:2]))
-    before, work.newton._kept = kept(), None
-    work.equilibrium.apply(unloaded(scene))
-    work.measure.again(whole[2])
-    assert all(np.array_equal(one, other) for one, other in zip(before, kept()))
-for last in whole[:-1]:
-    rest = [replace(step, seconds=0.0) for step in work.steps(done=whole[: last.number + 1])]
-    print(last.number, all(same(a, b) for a, b in zip(whole[last.number + 1:], rest, strict=True)))
-"""
-
 
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
@@ -114,32 +40,6 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def call(*arguments: str) -> Result:
     """The command in this process; errors other than exits are raised."""
     return CliRunner().invoke(app, arguments, catch_exceptions=False)
-
-
-def environment(cwd: Path) -> dict[str, str]:
-    """Of a process of its own: kernels are compiled once for all of them."""
-    tests = os.pathsep.join((str(ROOT), str(ROOT / "tests")))
-    own = {"PYTHONPATH": tests, "PATH": "/usr/bin", "HOME": str(cwd), "LC_ALL": "C.UTF-8"}
-    return own | {key: value for key, value in os.environ.items() if key == "TI_OFFLINE_CACHE_FILE_PATH"}
-
-
-# A motion sets the displacements anew at every step, which would hide what single precision has beside their sum.
-NO_MOTION = ("motions={}", "stages.load.motions={}")
-
-
-@pytest.mark.parametrize("arguments", [("f64",), ("f32", *NO_MOTION)], ids=["f64", "f32"])
-def test_a_step_needs_nothing_of_the_one_before_but_its_displacements(
-    scene: str, tmp_path: Path, arguments: tuple[str, ...]
-) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", EVERY_STEP, scene, *arguments],
-        env=environment(tmp_path), capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["0", "True", "1", "True", "2", "True", "3", "True"]
-
-
-RELAXATION = ("--set=solver.kind=relaxation",)  # compiles fastest
 
 
 @pytest.fixture(scope="module")

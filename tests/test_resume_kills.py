@@ -13,8 +13,8 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from resume_cases import NO_MOTION, RELAXATION, SCENE, environment
 from run_files import different, outcome
-from test_resume import NO_MOTION, RELAXATION, SCENE, environment
 
 
 @pytest.fixture

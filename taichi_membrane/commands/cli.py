@@ -9,31 +9,30 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
 
+from taichi_membrane.commands.common import (
+    BAD_INPUT,
+    INTERRUPTED,
+    OnlyOption,
+    RepairOption,
+    SceneArgument,
+    SetOption,
+    console,
+    naming,
+)
+from taichi_membrane.commands.drawing import render, report
 from taichi_membrane.commands.fit import fit
+from taichi_membrane.commands.run import run
 from taichi_membrane.commands.study import study
 from taichi_membrane.commands.sweep import sweep
 from taichi_membrane.errors import InputError
-from taichi_membrane.fields import drawn
-from taichi_membrane.names import Arch, Precision
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from taichi_membrane.execution.observer import Observer
-    from taichi_membrane.scene import Camera, Scene
-    from taichi_membrane.simulation.results import RunResult
 
 # Modules that take long to import (NumPy, pydantic, rich) are imported by the commands that need them: help is instant.
-
-CHECK_FAILS, BAD_INPUT, NOT_CONVERGED, COLLAPSE, NO_COLLAPSE, INTERRUPTED = 1, 2, 3, 4, 5, 130
 
 
 class _Commands(TyperGroup):
@@ -62,16 +61,6 @@ app = typer.Typer(
     help="How pressurised fabric deforms, carries load, wrinkles and collapses.",
 )
 
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A scene file, or the name of a shipped scene.")]
-RepairOption = Annotated[
-    bool, typer.Option("--repair", help="Mend a mesh file where that is safe: orientation, doubled and unused nodes.")
-]
-ReportOption = Annotated[bool, typer.Option("--report", help="Also write report.html, as the command report does.")]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Replace a value, such as stages.load.steps=3. May be repeated."),
-]
-
 
 def _print_version(asked: bool) -> None:
     if asked:
@@ -79,12 +68,6 @@ def _print_version(asked: bool) -> None:
 
         typer.echo(f"taichi-membrane {version('taichi-membrane')}")
         raise typer.Exit
-
-
-def _drawn_field(name: str | None) -> str | None:
-    if name is not None and name not in drawn():
-        raise typer.BadParameter(f"{name!r} is not one of {', '.join(drawn())}")
-    return name
 
 
 @app.callback()
@@ -96,220 +79,23 @@ def _options(
     """Options of the command itself; the app's help text stands above."""
 
 
-@contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """What turns out to be wrong only when the scene meets its mesh names the scene file, too."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-
-
-@app.command()
-def run(
-    context: typer.Context,
-    scene: Annotated[
-        str | None, typer.Argument(metavar="SCENE", help="A scene file, or the name of a shipped scene.")
-    ] = None,
-    resume: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Go on with the run in DIR that was stopped; takes no SCENE and no settings."),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Output folder.", show_default="renders/NAME of the scene")
-    ] = None,
-    arch: Annotated[Arch, typer.Option(help="Back end of Taichi.")] = "cpu",
-    precision: Annotated[Precision, typer.Option(help="Floating-point type of the mechanics.")] = "f64",
-    overrides: SetOption = None,
-    render: Annotated[
-        bool,
-        typer.Option(
-            "--render/--no-render",
-            help="Draw pictures and the curve.",
-            show_default="yes; with --resume as the run was begun",
-        ),
-    ] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but failures.")] = False,
-    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="all cores")] = None,
-    repair: RepairOption = False,
-    report: ReportOption = False,
-) -> None:
-    """Solve the load steps of a scene, write and draw them.
-
-    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input or a file that cannot be written, 3 a load
-    step did not converge or a path did not come to its loads, 4 the structure collapses before its last load, 5 a stage that should
-    meet collapse (until = "collapse") met none.
-    """
-    if resume is not None:
-        _go_on(context, resume, quiet, report)
-        return
-    if scene is None:
-        raise typer.BadParameter("a scene, or --resume DIR", ctx=context, param_hint="SCENE")
-    from taichi_membrane.execution.run import run as run_scene
-    from taichi_membrane.output.writer import check_directory
-    from taichi_membrane.scene import file as scene_file
-
-    path = scene_file.resolve_scene(scene)
-    model = scene_file.load_scene(path, overrides or ())
-    directory = out or Path("renders") / model.name
-    check_directory(directory)  # now rather than after minutes of work
-
-    def work(observer: Observer) -> RunResult:
-        with _naming(path):
-            return run_scene(
-                model,
-                out=directory,
-                base=path.parent,
-                arch=arch,
-                precision=precision,
-                threads=threads,
-                render=render,
-                repair=repair,
-                observer=observer,
-            )
-
-    _run(work, model, directory, quiet, report)
-
-
-def _go_on(context: typer.Context, directory: Path, quiet: bool, report: bool) -> None:
-    """The command ``run --resume``."""
-    from taichi_membrane.execution.run import resume as resume_run
-    from taichi_membrane.output.reader import read_scene
-
-    allowed = ("--resume", "--render", "--quiet", "--report")
-    sources = {one.opts[0]: context.get_parameter_source(str(one.name)) for one in context.command.params}
-    given = [option for option, source in sources.items() if source is not None and source.name != "DEFAULT"]
-    barred = [option.replace("scene", "SCENE") for option in given if option not in allowed]
-    if barred:
-        raise InputError(
-            f"--resume {directory}: scene and settings are those of the run in that folder; leave out {', '.join(barred)}"
-        )
-    render = context.params["render"] if "--render" in given else None
-    _run(
-        lambda observer: resume_run(directory, render=render, observer=observer),
-        read_scene(directory),
-        directory,
-        quiet,
-        report,
-    )
-
-
-def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, quiet: bool, report_too: bool) -> None:
-    """Do the work of a run while its progress is shown; print the result, and end with the exit code of its verdict."""
-    from taichi_membrane.commands import report
-    from taichi_membrane.commands.progress import ProgressView
-
-    view = ProgressView(scene, None if quiet else _console(stderr=True))
-    try:
-        with view:
-            result = work(view)
-    except KeyboardInterrupt:
-        kept = f"{len(view.steps)} load steps are kept in {directory}" if view.steps else "no load step was finished"
-        typer.echo(f"interrupted: {kept}", err=True)
-        raise typer.Exit(INTERRUPTED) from None
-    console = _console()
-    if not quiet and not view.paths:
-        typer.echo(f"{directory}: nothing is left to do, the run has ended")
-    if quiet or not view.paths:
-        report.print_failed_steps(console, result)
-        report.print_failed_checks(console, result)
-    else:
-        report.print_run(console, result)
-    if report_too and result.steps:
-        _write_page(result, directory, quiet)
-    if not result.converged:
-        raise typer.Exit({"collapse": COLLAPSE, "no collapse": NO_COLLAPSE}.get(result.outcome, NOT_CONVERGED))
-    if not result.passed:
-        raise typer.Exit(CHECK_FAILS)
-
-
-@app.command()
 def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOption = False) -> None:
     """Validate a scene and its mesh; run nothing."""
-    from taichi_membrane.commands import report
+    from taichi_membrane.commands import printing
     from taichi_membrane.execution.run import summarise
     from taichi_membrane.scene import file as scene_file
 
     path = scene_file.resolve_scene(scene)
     loaded = scene_file.load_scene(path, overrides or ())
-    with _naming(path):
+    with naming(path):
         model, compiled_in, left_out = summarise(loaded, path.parent, repair=repair)
-    report.print_model(_console(), model, compiled_in, left_out)
+    printing.print_model(console(), model, compiled_in, left_out)
 
 
-@app.command()
-def render(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of a run.")],
-    field: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help=f"What colours show: {', '.join(drawn())}.", callback=_drawn_field),
-    ] = None,
-    azimuth: Annotated[float | None, typer.Option(help="Degrees about z.")] = None,
-    elevation: Annotated[float | None, typer.Option(min=-90, max=90, help="Degrees above the xy plane.")] = None,
-    projection: Annotated[Literal["perspective", "orthographic"] | None, typer.Option()] = None,
-    width: Annotated[int | None, typer.Option(min=240, max=8192, help="Pixels.")] = None,
-    height: Annotated[int | None, typer.Option(min=160, max=8192, help="Pixels.")] = None,
-    outline: Annotated[bool | None, typer.Option("--outline/--no-outline", help="The unstressed shape.")] = None,
-    loads: Annotated[bool | None, typer.Option("--loads/--no-loads", help="Arrows at loads.")] = None,
-    supports: Annotated[bool | None, typer.Option("--supports/--no-supports", help="Marks at supports.")] = None,
-    directions: Annotated[
-        bool | None, typer.Option("--directions/--no-directions", help="Lines along the wrinkles.")
-    ] = None,
-) -> None:
-    """Draw the pictures of a finished run again.
-
-    What is not given is as in the scene of the run.
-    """
-    from taichi_membrane.commands import report
-    from taichi_membrane.commands.progress import ProgressView
-    from taichi_membrane.execution.run import redraw
-    from taichi_membrane.output.reader import read_scene
-
-    scene = read_scene(directory)
-    asked = {
-        "field": field,
-        "azimuth": azimuth,
-        "elevation": elevation,
-        "projection": projection,
-        "size": (width or scene.camera.size[0], height or scene.camera.size[1]),
-        "outline": outline,
-        "loads": loads,
-        "supports": supports,
-        "directions": directions,
-    }
-    camera = _camera(scene.camera, {key: value for key, value in asked.items() if value is not None})
-    with ProgressView(scene, _console(stderr=True)) as view:
-        files = redraw(directory, camera=camera, observer=view)
-    report.print_files(_console(), directory, files)
-
-
-@app.command("report")
-def write_report(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of a run.")],
-) -> None:
-    """Write DIR/report.html: the run as one page that opens from the disk, with a view to turn, curve and tables.
-
-    Of a run that is not at its end the page shows the load steps so far, and says so.
-    """
-    from taichi_membrane.execution.run import read_result
-
-    _write_page(read_result(directory), directory, quiet=False)
-
-
-def _write_page(result: RunResult, directory: Path, quiet: bool) -> None:
-    """Write the page of a run and name it."""
-    from taichi_membrane.page.document import PAGE, write_page
-
-    size = write_page(result, directory / PAGE)
-    if not quiet:
-        typer.echo(f"wrote {directory / PAGE} ({size / 1e6:.1f} MB)")
-
-
-@app.command()
 def verify(
     full: Annotated[bool, typer.Option("--full", help="Finer meshes too; up to an hour.")] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Output folder.")] = Path("renders/verification"),
-    only: Annotated[list[str] | None, typer.Option("--only", metavar="NAME", help="One case. May be repeated.")] = None,
+    only: OnlyOption = None,
 ) -> None:
     """Run the cases with a known answer; write a table, its numbers and plots of the error against mesh size.
 
@@ -322,7 +108,6 @@ def verify(
         raise typer.Exit(code)
 
 
-@app.command()
 def stress(
     full: Annotated[
         bool, typer.Option("--full", help="More levels, every solver on all of them; up to an hour.")
@@ -330,7 +115,7 @@ def stress(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Output folder.", show_default="renders/ and the set's name")
     ] = None,
-    only: Annotated[list[str] | None, typer.Option("--only", metavar="NAME", help="One case. May be repeated.")] = None,
+    only: OnlyOption = None,
     jobs: Annotated[int, typer.Option(min=1, max=3, help="Processes side by side.")] = 2,
     which: Annotated[
         Literal["stability", "verdicts"],
@@ -354,7 +139,6 @@ def stress(
         raise typer.Exit(code)
 
 
-@app.command()
 def scenes() -> None:
     """List the shipped scenes."""
     from taichi_membrane.scene.file import load_scene, shipped_scenes
@@ -365,7 +149,6 @@ def scenes() -> None:
         typer.echo(f"{name:<{width}}  {title}".rstrip())
 
 
-@app.command()
 def schema(
     page: Annotated[bool, typer.Option("--page", help="As a page of tables (Markdown) instead.")] = False,
 ) -> None:
@@ -375,27 +158,8 @@ def schema(
     typer.echo(words.page().rstrip() if page else json.dumps(words.schema(), indent=2, ensure_ascii=False))
 
 
-app.command()(study)
-app.command()(sweep)
-app.command()(fit)
-
-
-def _camera(camera: Camera, changes: dict[str, Any]) -> Camera:
-    from pydantic import ValidationError
-
-    from taichi_membrane.scene.messages import mistakes
-
-    data = {**camera.model_dump(), **changes}
-    try:
-        return type(camera).model_validate(data)
-    except ValidationError as error:
-        raise InputError(f"camera: {mistakes(error, data, type(camera))}") from None
-
-
-def _console(*, stderr: bool = False) -> Console:
-    from rich.console import Console
-
-    return Console(stderr=stderr, highlight=False)
+for _command in (run, check, render, report, verify, stress, scenes, schema, study, sweep, fit):
+    app.command()(_command)
 
 
 def main() -> None:

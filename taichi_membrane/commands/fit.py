@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-_NOT_CONVERGED = 3  # the exit code, as of the command ``run``
+from taichi_membrane.commands.common import NOT_CONVERGED, SceneArgument, SetForAllOption
 
 
 def fit(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="A scene file, or the name of a shipped scene.")],
+    scene: SceneArgument,
     to: Annotated[
         Path,
         typer.Option(
@@ -29,9 +29,7 @@ def fit(
     stage: Annotated[
         str | None, typer.Option(metavar="NAME", help="The stage that was measured.", show_default="the last one")
     ] = None,
-    overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a value for all runs. May be repeated.")
-    ] = None,
+    overrides: SetForAllOption = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Output folder.", show_default="renders/fit_NAME of the scene")
     ] = None,
@@ -58,4 +56,4 @@ def fit(
     typer.echo(f"{found.runs} runs; wrote {directory}: {', '.join(file.name for file in found.files)}")
     if not found.converged:
         typer.echo(f"NOT CONVERGED: {found.reason}", err=True)
-        raise typer.Exit(_NOT_CONVERGED)
+        raise typer.Exit(NOT_CONVERGED)

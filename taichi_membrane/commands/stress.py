@@ -10,8 +10,7 @@ import typer
 from taichi_membrane.assurance.stability import catalogue, report
 from taichi_membrane.assurance.stability.case import CONVERGED, Entry, judge
 from taichi_membrane.assurance.stability.sweep import run_all
-
-UNSAFE = 1  # the exit code of a failing check too
+from taichi_membrane.commands.common import CHECK_FAILS, made_folder
 
 
 def stress(full: bool, out: Path, only: list[str], jobs: int) -> int:
@@ -20,9 +19,10 @@ def stress(full: bool, out: Path, only: list[str], jobs: int) -> int:
     :param full: more levels, all of them by every solver, with the program's own limits.
     :param only: names of cases; all when empty.
     :return: exit code: 0, or 1 when an entry is wrong and not documented to be, or the default solver falls short.
-    :raises InputError: a name that no case has.
+    :raises InputError: a name that no case has; a folder that cannot be made.
     """
     names = catalogue.chosen(only)
+    made_folder(out)
 
     def told(name: str, lane: str, entries: Sequence[Entry]) -> None:
         seconds = sum(one.seconds for one in entries)
@@ -60,4 +60,4 @@ def _summary(reports: Sequence[report.SweepReport]) -> int:
         f"{known} wrong and documented, {wrong} wrong"
         + (f"; the default solver falls short in {', '.join(short)}" if short else "")
     )
-    return UNSAFE if wrong or short else 0
+    return CHECK_FAILS if wrong or short else 0

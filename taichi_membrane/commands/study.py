@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from taichi_membrane.commands.common import NOT_CONVERGED, SceneArgument, SetForAllOption
+
 if TYPE_CHECKING:
     from taichi_membrane.study.plan import Plan
     from taichi_membrane.study.runner import Run
 
-_NOT_CONVERGED = 3  # the exit code, as of the command ``run``
-
 
 def study(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="A scene file, or the name of a shipped scene.")],
+    scene: SceneArgument,
     vary: Annotated[
         list[str],
         typer.Option(
@@ -36,9 +36,7 @@ def study(
         str | None,
         typer.Option(metavar="STAGE:STEP", help="Load step that is measured.", show_default="the last one"),
     ] = None,
-    overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a value for all runs. May be repeated.")
-    ] = None,
+    overrides: SetForAllOption = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Output folder.", show_default="renders/study_NAME of the scene")
     ] = None,
@@ -72,7 +70,7 @@ def study(
         runs = run_all(plan, directory, jobs=jobs, budget=budget, told=told)
         _report(plan, runs, directory)
     if any(run.status != "converged" for run in runs):
-        raise typer.Exit(_NOT_CONVERGED)
+        raise typer.Exit(NOT_CONVERGED)
 
 
 def _report(plan: Plan, runs: Sequence[Run], directory: Path) -> None:

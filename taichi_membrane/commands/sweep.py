@@ -7,27 +7,28 @@ from typing import Annotated, Literal
 
 import typer
 
-from taichi_membrane.names import Arch, Precision
+from taichi_membrane.commands.common import NOT_CONVERGED, ArchOption, PrecisionOption, SceneArgument, SetForAllOption
 
-_NOT_CONVERGED = 3  # the exit code, as of the command ``run``
+VaryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=V1,V2,...|KEY=FIRST:LAST:COUNT",
+        help="Values of a key; all combinations are run. KEY+KEY=V1:W1,V2:W2 changes keys together. May be repeated.",
+    ),
+]
+SampleOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=normal:MEAN:SD",
+        help="Draw a key from normal:MEAN:SD, lognormal:MEAN:SD (SD also as 5%) or uniform:LOW:HIGH. May be repeated.",
+    ),
+]
 
 
 def sweep(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="A scene file, or the name of a shipped scene.")],
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=V1,V2,...|KEY=FIRST:LAST:COUNT",
-            help="Values of a key; all combinations are run. KEY+KEY=V1:W1,V2:W2 changes keys together. May be repeated.",
-        ),
-    ] = None,
-    sample: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=normal:MEAN:SD",
-            help="Draw a key from normal:MEAN:SD, lognormal:MEAN:SD (SD also as 5%) or uniform:LOW:HIGH. May be repeated.",
-        ),
-    ] = None,
+    scene: SceneArgument,
+    vary: VaryOption = None,
+    sample: SampleOption = None,
     runs: Annotated[int, typer.Option(min=1, help="Points drawn.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="The same seed draws the same points.")] = 0,
     design: Annotated[
@@ -43,14 +44,12 @@ def sweep(
             metavar="KEY=[FACTOR*]OTHER", help="A key that follows one that is varied or drawn. May be repeated."
         ),
     ] = None,
-    overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a value for all runs. May be repeated.")
-    ] = None,
+    overrides: SetForAllOption = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Output folder.", show_default="renders/sweep_NAME of the scene")
     ] = None,
-    arch: Annotated[Arch, typer.Option(help="Back end of Taichi.")] = "cpu",
-    precision: Annotated[Precision, typer.Option(help="Floating-point type of the mechanics.")] = "f64",
+    arch: ArchOption = "cpu",
+    precision: PrecisionOption = "f64",
     threads: Annotated[int, typer.Option(min=1, help="CPU threads of each run.")] = 1,
     jobs: Annotated[int | None, typer.Option(min=1, help="Worker processes.", show_default="all cores")] = None,
     cluster: Annotated[
@@ -83,4 +82,4 @@ def sweep(
     typer.echo(counts(found))
     typer.echo(f"wrote {directory}: {', '.join(file.name for file in found.files)}")
     if found.apart:
-        raise typer.Exit(_NOT_CONVERGED)
+        raise typer.Exit(NOT_CONVERGED)

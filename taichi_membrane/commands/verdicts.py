@@ -10,8 +10,7 @@ import typer
 from taichi_membrane.assurance.verdicts import catalogue, report
 from taichi_membrane.assurance.verdicts.case import Case, Finding
 from taichi_membrane.assurance.verdicts.sweep import run_all
-
-UNTRUE = 1  # the exit code of a failing check too
+from taichi_membrane.commands.common import CHECK_FAILS, made_folder
 
 
 def verdicts(full: bool, out: Path, only: Sequence[str], jobs: int) -> int:
@@ -20,9 +19,10 @@ def verdicts(full: bool, out: Path, only: Sequence[str], jobs: int) -> int:
     :param full: all cases.
     :param only: names of cases or families; the whole set when empty.
     :return: exit code: 0, or 1 where a run says what is not true.
-    :raises InputError: a name that neither a case nor a family has.
+    :raises InputError: a name that neither a case nor a family has; a folder that cannot be made.
     """
     cases = catalogue.chosen(only, "full" if full else "default")
+    made_folder(out)
 
     def told(case: Case, findings: Sequence[Finding]) -> None:
         one = report.judged(case, findings)
@@ -38,4 +38,4 @@ def verdicts(full: bool, out: Path, only: Sequence[str], jobs: int) -> int:
         typer.echo(f"wrote {path}", err=True)
     heads, *_, last = report.summary(reports)
     typer.echo("; ".join(f"{head} {cell}" for head, cell in zip(heads[1:], last[1:], strict=True)))
-    return UNTRUE if any(run for one in reports for run in one.wrong) else 0
+    return CHECK_FAILS if any(run for one in reports for run in one.wrong) else 0

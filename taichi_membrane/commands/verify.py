@@ -8,8 +8,7 @@ import typer
 
 from taichi_membrane.assurance.verification import catalogue, report
 from taichi_membrane.assurance.verification.benchmark import BenchmarkResult, run_benchmark
-
-CASE_FAILS = 1  # the exit code of a failing check too
+from taichi_membrane.commands.common import CHECK_FAILS, made_folder
 
 
 def verify(full: bool, out: Path, only: list[str]) -> int:
@@ -18,9 +17,10 @@ def verify(full: bool, out: Path, only: list[str]) -> int:
     :param full: also the finer meshes.
     :param only: names of cases; all when empty.
     :return: exit code: 0, or 1 when a case misses its bound or its rate, or finds no equilibrium.
-    :raises InputError: a name that no case has.
+    :raises InputError: a name that no case has; a folder that cannot be made.
     """
     names = catalogue.chosen(only)
+    made_folder(out)
     results = []
     for number, name in enumerate(names, 1):
         typer.echo(f"[{number}/{len(names)}] {name} ...", err=True)
@@ -33,7 +33,7 @@ def verify(full: bool, out: Path, only: list[str]) -> int:
         f"{len(results) - len(failed)} of {len(results)} cases passed"
         + (f"; failed: {', '.join(failed)}" if failed else "")
     )
-    return CASE_FAILS if failed else 0
+    return CHECK_FAILS if failed else 0
 
 
 def _print(result: BenchmarkResult) -> None:

@@ -5,6 +5,7 @@ elements' in fixed order, as many as there are.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from taichi_membrane.algebra.protocol import DIRECT, Algebra
@@ -114,6 +115,23 @@ class Tangent:
         same array each time. Held components have 1 on the diagonal and 0 beside it."""
         self._assemble(self.blocks)
         return self.blocks
+
+    def loose(self, free: NDArray[np.bool_]) -> Floats | None:
+        """(node_count, 3) a stiffness for free nodes that nothing in the assembled blocks holds, such as one amid slack triangles.
+
+        Their rows are zero: they take no part in any force, and whatever stiffness they get, the rest stays as it is. A node that
+        something holds in one direction and nothing in another, as in a flat sheet, is another matter: a load would move it. None
+        where there is no loose node.
+        """
+        blocks, elimination = self.blocks, self.elimination
+        loose = free.all(axis=1) & (np.abs(blocks[elimination.node_block]).max(axis=(1, 2)) == 0.0)
+        if not loose.any():
+            return None
+        beside = np.abs(blocks[elimination.edge_block]).max(axis=(1, 2))
+        column, row = elimination.edge_node.T
+        loose[row[beside > 0.0]] = False  # pressure couples nodes whose own block is zero
+        loose[column[beside > 0.0]] = False
+        return np.where(loose[:, None], np.ones(3), 0.0)
 
     def matrix(self) -> sparse.csr_matrix:
         """The present tangent as a whole sparse matrix over 3 · node_count components, held ones as in :meth:`assemble`."""

@@ -92,32 +92,26 @@ class Mesh:
         :param join: repair joins nodes of free edges up to this distance [length]; by the digits of the coordinates when None.
         :param digit: size of the coordinates' last digit [length]; found from the points when None.
         :param lines, line_groups, loose_points, loose_groups, notes: as the fields of those names.
-        :raises InputError: wrong shapes, coordinates that are not finite, node numbers out of range, degenerate or
-            duplicate elements, unused nodes, neighbours of opposite orientation, free edges that nearly coincide, a closed body
-            that is inside out, an empty group or one with numbers out of range.
+        :raises InputError: wrong shapes, coordinates that are not finite, numbers out of range, degenerate or duplicate elements,
+            unused nodes, opposite orientation, free edges that nearly coincide, a closed body inside out, an empty group.
         """
         xyz = check.as_points(points, where)
         corners = check.as_triangles(triangles, len(xyz), where)
         node_members = check.as_groups(node_groups or {}, len(xyz), "node", where)
-        if join is not None and not 0.0 < join < np.inf:
-            raise InputError(f"{where}: join = {join!r} must be a distance above 0")
         loose = check.as_loose(loose_points, lines, line_groups, loose_groups, len(xyz), where)
-        tolerance = Tolerance.of(xyz, corners, digit=digit, join=join)
+        tolerance = _tolerance(xyz, corners, digit, join, where)
         mended: tuple[str, ...] = ()
         if repair:
             done = mend(xyz, corners, node_members, None if open_seams else tolerance.same)
             loose = loose.renumbered(done.new_number, len(done.points), where)
             xyz, corners, mended = done.points, done.triangles, done.told
             node_members = check.as_groups(done.node_groups, len(xyz), "node", where)
-        area_vector, table = _checked(xyz, corners, where, "" if repair else HINT)
-        if not open_seams:
-            check_seams(xyz, corners, table, tolerance, where, repair)
-        elements = {"all": check.frozen(np.arange(len(corners), dtype=np.int32))}
+        area_vector, table = _checked(xyz, corners, where, repair, None if open_seams else tolerance)
         mesh = cls(
             check.frozen(xyz),
             check.frozen(corners),
             _given_groups(len(xyz), table) | node_members,
-            elements | check.as_groups(tri_groups or {}, len(corners), "element", where),
+            _all(len(corners)) | check.as_groups(tri_groups or {}, len(corners), "element", where),
             None if tri_warp is None else check.frozen(check.as_warp(tri_warp, area_vector, where)),
             mended,
             loose.points,
@@ -220,22 +214,38 @@ class Mesh:
         return node_parts(self._edges.nodes, self.node_count)[1]
 
 
+def _tolerance(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], digit: float | None, join: float | None, where: str
+) -> Tolerance:
+    """How near nodes of free edges are one."""
+    if join is not None and not 0.0 < join < np.inf:
+        raise InputError(f"{where}: join = {join!r} must be a distance above 0")
+    return Tolerance.of(points, triangles, digit=digit, join=join)
+
+
 def _checked(
-    points: NDArray[np.float64], triangles: NDArray[np.int32], where: str, hint: str
+    points: NDArray[np.float64], triangles: NDArray[np.int32], where: str, repaired: bool, seams: Tolerance | None
 ) -> tuple[NDArray[np.float64], EdgeTable]:
-    """Area vectors and edges of triangles that pass the checks of elements, edges and bodies."""
+    """Area vectors and edges of triangles that pass the checks of elements, edges, bodies and, with a tolerance, seams."""
+    hint = "" if repaired else HINT
     area_vector = check.area_vectors(points, triangles)
     tri_area = np.linalg.norm(area_vector, axis=1)
     check.check_elements(points, triangles, tri_area, where, hint)
     table = edge_table(triangles, len(points))
     check.check_edges(triangles, table, where, hint)
     check.check_bodies(points, triangles, table, tri_area, where, hint)
+    if seams is not None:
+        check_seams(points, triangles, table, seams, where, repaired)
     return area_vector, table
+
+
+def _all(count: int) -> dict[str, NDArray[np.int32]]:
+    return {"all": check.frozen(np.arange(count, dtype=np.int32))}
 
 
 def _given_groups(node_count: int, table: EdgeTable) -> dict[str, NDArray[np.int32]]:
     """The groups of nodes that every mesh has."""
-    nodes = {"all": check.frozen(np.arange(node_count, dtype=np.int32))}
+    nodes = _all(node_count)
     boundary = table.nodes[table.tri_count == 1]
     if boundary.size:
         nodes["boundary"] = check.frozen(sorted_unique(boundary.ravel()))

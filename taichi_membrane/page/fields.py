@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from taichi_membrane.scene.models import Units
+from taichi_membrane.scene import Units
 from taichi_membrane.simulation.results import Floats, StepResult
 
 _SECOND = "second Piola-Kirchhoff: force per area of the unstressed fabric"

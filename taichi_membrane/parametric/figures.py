@@ -19,7 +19,7 @@ from taichi_membrane.output.curve import quantity_label
 from taichi_membrane.parametric.rows import Row, SweepTable, numeric_inputs
 from taichi_membrane.parametric.statistics import CONFIDENCE, Importance, importance
 from taichi_membrane.parametric.summary import counts, named
-from taichi_membrane.pictures.plots import COLOURS, DPI, FONT, GREY, INK
+from taichi_membrane.pictures.plots import COLOURS, DPI, FONT, GREY, INK, rule
 
 _MOST_INPUTS, _MOST_QUANTITIES = 6, 6  # panels a side that can still be read on a page
 _PANEL = 2.1  # inches
@@ -66,14 +66,9 @@ def _saved(figure: Figure, path: Path) -> Path:
 
 
 def _prepared(axes: Axes, ticks: int = 4) -> None:
-    axes.tick_params(
-        labelsize=FONT["tick"] - 1.0, direction="in", length=3.0, color=INK, labelcolor=INK, top=True, right=True
-    )
-    axes.ticklabel_format(scilimits=(-3, 5), useMathText=True)
+    rule(axes, size=FONT["tick"] - 1.0, length=3.0)
     axes.xaxis.set_major_locator(MaxNLocator(ticks, prune="both"))
     axes.yaxis.set_major_locator(MaxNLocator(ticks + 1))
-    axes.grid(color="#dfe2e7", lw=0.6)
-    axes.set_axisbelow(True)
 
 
 def _draw_scatter(table: SweepTable, inputs: Sequence[str], shown: Sequence[str], path: Path) -> Path:

@@ -134,7 +134,12 @@ class _Search:
                 f"--probe {probe!r}: not a probe of {self.source}; {not_one_of(probe, list(plain.probes))}"
             )
         dumped = plain.model_dump(mode="json")
+        if not free:
+            raise InputError("--free: no setting to find is named")
         self.free = tuple(_free(text, self.source, dumped) for text in free)
+        twice = sorted({one.key for one in self.free if sum(other.key == one.key for other in self.free) > 1})
+        if twice:
+            raise InputError(f"--free: {', '.join(twice)} named more than once")
         if len(measured.x) <= len(self.free):
             raise InputError(
                 f"{len(measured.x)} readings cannot tell {len(self.free)} settings and an error; more are needed"

@@ -19,7 +19,7 @@ from taichi_membrane.output.curve import quantity_label
 from taichi_membrane.output.lock import LOCK
 from taichi_membrane.parametric.fit import CONFIDENCE, FitResult
 from taichi_membrane.parametric.plan import VERSIONED
-from taichi_membrane.pictures.plots import COLOURS, DPI, FONT, GREY, INK
+from taichi_membrane.pictures.plots import COLOURS, DPI, FONT, GREY, INK, rule
 
 _RESULT = "fit.json"
 
@@ -109,12 +109,7 @@ def _draw(found: FitResult, path: Path) -> None:
     bottom.set_ylabel("residual / sd", fontsize=FONT["label"], color=INK)
     bottom.set_xlabel(quantity_label(found.scene, found.measured.quantity), fontsize=FONT["label"], color=INK)
     for axes in (top, bottom):
-        axes.tick_params(
-            labelsize=FONT["tick"], direction="in", length=4.0, color=INK, labelcolor=INK, top=True, right=True
-        )
-        axes.ticklabel_format(scilimits=(-3, 5), useMathText=True)
-        axes.grid(color="#dfe2e7", lw=0.6)
-        axes.set_axisbelow(True)
+        rule(axes)
     top.legend(frameon=False, fontsize=FONT["small"])
     with replacing(path) as temporary, matplotlib.rc_context({"svg.hashsalt": "taichi-membrane"}):
         figure.savefig(temporary, format="png", dpi=DPI, metadata={"Software": None})

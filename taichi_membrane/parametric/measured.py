@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.scene import Scene
+from taichi_membrane.scene import Scene, Stage
 from taichi_membrane.scene.messages import not_one_of
-from taichi_membrane.scene.models import Stage
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -177,7 +177,9 @@ def _spaced(text: str) -> str:
         first, last, count = float(form[1]), float(form[2]), int(form[3])
     except ValueError:
         return text
-    if not 2 <= count <= _MOST or first == last:
+    if count > _MOST:
+        raise InputError(f"--vary {text!r}: {count} values; at most {_MOST} are allowed")
+    if count < 2 or first == last:
         raise InputError(f"--vary {text!r}: expected FIRST:LAST:COUNT with different ends and 2 values at least")
     # 12 digits: what is meant is 0.03, not 0.030000000000000002.
     return f"{key}={','.join(repr(float(f'{value:.12g}')) for value in np.linspace(first, last, count))}"

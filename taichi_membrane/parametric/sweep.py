@@ -99,6 +99,8 @@ def run_sweep(
     """
     if files and out is None and store is None:
         raise InputError("files of runs need a folder to be kept in: give out, or store")
+    if store is not None and cluster is None:
+        _check_store(store)
     with ExitStack() as stack:
         journal = None
         if out is not None:
@@ -117,6 +119,16 @@ def run_sweep(
             table = SweepTable(plan=plan, rows=tuple(rows[number] for number in sorted(rows)), directory=out)
             written = _report(table, out) if out is not None and rows else ()
         return SweepTable(plan=plan, rows=table.rows, directory=out, files=tuple(written))
+
+
+def _check_store(store: str) -> None:
+    """Refuse a folder that cannot be made, before anything runs; what lies elsewhere the workers find out."""
+    if "://" in store:
+        return
+    try:
+        Path(store).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--store {store}: the folder cannot be made: {error.strerror}") from error
 
 
 def _answers(

@@ -134,9 +134,16 @@ def _prepare(axes: Axes, x_label: str, y_label: str, title: str) -> None:
     axes.set_title(title, fontsize=FONT["title"], fontweight="bold", loc="left", color=INK, pad=10.0, wrap=True)
     axes.set_xlabel(x_label, fontsize=FONT["label"], color=INK)
     axes.set_ylabel(y_label, fontsize=FONT["label"], color=INK)
-    axes.tick_params(
-        labelsize=FONT["tick"], direction="in", length=4.0, color=INK, labelcolor=INK, top=True, right=True
-    )
+    rule(axes)
+
+
+def rule(axes: Axes, *, size: float = FONT["tick"], length: float = 4.0) -> None:
+    """Ticks inwards on all sides, with a grid behind the data.
+
+    :param size: of the numbers [points].
+    :param length: of the ticks [points].
+    """
+    axes.tick_params(labelsize=size, direction="in", length=length, color=INK, labelcolor=INK, top=True, right=True)
     axes.ticklabel_format(scilimits=(-3, 5), useMathText=True)
     axes.grid(color="#dfe2e7", lw=0.6)
     axes.set_axisbelow(True)

@@ -103,7 +103,7 @@ def draw_frame(frame: Frame, *, look: Look, camera: Camera, path: Path) -> None:
     page.scale_bar(frame.length_unit)
     if look.show_axes:
         page.axis_triad()
-    _draw_over_surface(page, frame, look, camera, pixels, scale, screen, outline)
+    _draw_over_surface(page, frame, look, pixels, scale, screen, outline)
     _write_png(page.pixels(), path)
 
 
@@ -287,8 +287,7 @@ def _outline(frame: Frame, camera: Camera, target: raster.Raster) -> list[Floats
 
 
 def _draw_over_surface(
-    page: Page, frame: Frame, look: Look, camera: Camera, pixels: raster.Pixels, scale: _DepthScale, screen: Floats,
-    outline: list[Floats],
+    page: Page, frame: Frame, look: Look, pixels: raster.Pixels, scale: _DepthScale, screen: Floats, outline: list[Floats],
 ) -> None:  # fmt: skip
     if outline:
         page.dashed(outline, colour=OUTLINE)

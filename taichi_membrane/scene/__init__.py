@@ -6,6 +6,9 @@ from taichi_membrane.scene.base import (
     Component,
     Vector,
 )
+from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
+from taichi_membrane.scene.fabric import Fabric
+from taichi_membrane.scene.loads import Load, Pressure
 from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import (
     AnnulusShape,
@@ -20,22 +23,7 @@ from taichi_membrane.scene.mesh_source import (
     TubeShape,
     WedgeShape,
 )
-from taichi_membrane.scene.models import (
-    Camera,
-    Check,
-    Curve,
-    CurveLine,
-    CurveReference,
-    Fabric,
-    Group,
-    Load,
-    Modes,
-    Pressure,
-    Scene,
-    Solver,
-    Stage,
-    Units,
-)
+from taichi_membrane.scene.models import Check, Group, Scene, Units
 from taichi_membrane.scene.probe import (
     AreaProbe,
     DisplacementProbe,
@@ -49,6 +37,8 @@ from taichi_membrane.scene.probe import (
     StressProbe,
     VolumeProbe,
 )
+from taichi_membrane.scene.solver import Modes, Solver
+from taichi_membrane.scene.stage import Stage
 from taichi_membrane.scene.support import (
     Components,
     Motion,

@@ -1,7 +1,8 @@
 """The kinds of drivers, in one table: what stages ramp, from pressures to motions.
 
 Names such as ``load.tip``, stages, columns, labels, files, derivatives, probes and curves follow the table. A new kind is its
-model with a key of :class:`Scene` and one of :class:`Stage`, and one entry here; ``simulation/model.py`` has what it does.
+model with a key of :class:`Scene` and one of :class:`Stage`, and one entry here; ``simulation/`` has what it does, such as
+dead forces in ``dead_forces.py``.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 from taichi_membrane.scene.support import Rotation, Translation
 
 if TYPE_CHECKING:
-    from taichi_membrane.scene.models import Load, Pressure, Scene, Stage, Units
+    from taichi_membrane.scene.loads import Load, Pressure
+    from taichi_membrane.scene.models import Scene, Units
+    from taichi_membrane.scene.stage import Stage
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -71,6 +71,8 @@ def resolve_scene(text: str) -> Path:
 
     :raises InputError: neither.
     """
+    if not text.strip():
+        raise InputError("the name of the scene is empty: give a scene file, or the name of a shipped scene")
     path, shipped = Path(text), shipped_scenes()
     kind = kind_of_path(path)
     if kind == "file":

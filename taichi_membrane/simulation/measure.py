@@ -65,23 +65,10 @@ class Measure:
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
         self.membrane.set_displacement(displacement)
-        dead = self.model.nodal_loads(state)
-        local = self.membrane.in_frames(-self.membrane.out_of_balance())
-        reaction = self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0))
-        present = Present(
-            structure=self.model.structure,
-            displacement=displacement,
-            reaction=reaction,
-            elements=self.membrane.element_state(),
-        )
-        values = present.fields()
+        values = self._present(displacement).fields()
         swept = self.membrane.swept_volumes(displacement)
         volume = self.model.rest_volume + float((self.model.enclosing * swept).sum())
-        energy = self.membrane.potential_energy(dead)[0] if self._has_energy else None
-        if self.equilibrium.rim.at(self.membrane.pressures(), displacement) is not None:
-            energy = None  # follower pressure without a potential
-        if energy is not None and self.equilibrium.gas is not None:
-            energy += self.equilibrium.gas.energy()
+        energy = self._energy(state, displacement)
         at_rest = self._at_rest(stage, course, share) if record.converged else AtRest()
         step = StepResult(
             number=number,
@@ -107,12 +94,33 @@ class Measure:
             state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
             seconds=time.perf_counter() - started,
             cable_forces=np.zeros(0) if self.membrane.cables is None else self.membrane.cables.forces(),
-            contact_forces={
-                name: float(plane.push().sum())
-                for name, plane in zip(self.model.scene.planes, self.membrane.planes, strict=True)
-            },
+            contact_forces=self._contact_forces(),
         )
         return probes.with_own(self.model, step)
+
+    def _present(self, displacement: Floats) -> Present:
+        """The membrane's present state, downloaded."""
+        local = self.membrane.in_frames(-self.membrane.out_of_balance())
+        return Present(
+            structure=self.model.structure,
+            displacement=displacement,
+            reaction=self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0)),
+            elements=self.membrane.element_state(),
+        )
+
+    def _energy(self, state: LoadState, displacement: Floats) -> float | None:
+        """Potential energy at the membrane's present state; None where there is none."""
+        if not self._has_energy:
+            return None
+        if self.equilibrium.rim.at(self.membrane.pressures(), displacement) is not None:
+            return None  # follower pressure without a potential
+        energy = self.membrane.potential_energy(self.model.nodal_loads(state))[0]
+        return energy if self.equilibrium.gas is None else energy + self.equilibrium.gas.energy()
+
+    def _contact_forces(self) -> dict[str, float]:
+        """What each plane pushes with, all in all."""
+        named = zip(self.model.scene.planes, self.membrane.planes, strict=True)
+        return {name: float(plane.push().sum()) for name, plane in named}
 
     def again(self, step: StepResult) -> None:
         """Bring the membrane back to the state that a step left it in."""

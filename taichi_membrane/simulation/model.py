@@ -6,26 +6,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import spatial
 
 from taichi_membrane import bounds, fields, shapes
 from taichi_membrane import mesh as meshes
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics import preparation
-from taichi_membrane.mechanics.preparation import FabricConstants, Floats, Ints
+from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.scene import Fabric, Load, Pressure, Rotation, Scene, Translation, VolumeProbe
-from taichi_membrane.scene.drivers import kind_named
-from taichi_membrane.simulation.chambers import Chamber, chambers_of, pressure_used, sides
-from taichi_membrane.simulation.groups import group_nodes, group_triangles, pressed_triangles
+from taichi_membrane.scene import Fabric, Scene, VolumeProbe
+from taichi_membrane.simulation.chambers import Chamber, chambers_of, sides
+from taichi_membrane.simulation.dead_forces import unit_forces_of
+from taichi_membrane.simulation.fabrics import fabric_list, fabrics_of, warp_directions
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.members import cables_of, planes_of, with_cable_nodes
 from taichi_membrane.simulation.results import ProbeFunction
+from taichi_membrane.simulation.supports import PrescribedMotion, held_components, motions_of
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
 # for every load step (its fields); besides, the record of a step.
@@ -42,24 +40,6 @@ _SHAPES: dict[str, Callable[..., Mesh]] = {
     "panel": shapes.panel,
     "cushion": shapes.cushion,
 }
-
-
-@dataclass(frozen=True)
-class PrescribedMotion:
-    """A node group whose displacement components ``components`` (0, 1, 2) follow a motion; see :mod:`taichi_membrane.scene`."""
-
-    motion: Translation | Rotation
-    nodes: Ints
-    components: tuple[int, ...]
-
-    def displacement(self, points: Floats, factor: float) -> Floats:
-        """(len(nodes), 3) displacement of the group's nodes from their unstressed positions at a factor."""
-        if isinstance(self.motion, Translation):
-            return np.broadcast_to(factor * np.array(self.motion.direction), (len(self.nodes), 3))
-        axis = np.array(self.motion.axis) / np.linalg.norm(self.motion.axis)
-        arms = points[self.nodes] - np.array(self.motion.through)
-        turn = spatial.transform.Rotation.from_rotvec(factor * axis, degrees=True)
-        return np.asarray(turn.apply(arms) - arms)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +62,7 @@ class Model:
 
     def fabric_names(self) -> list[tuple[str, Fabric]]:
         """The scene's fabrics with the element group of each, in the order of the structure's fabric numbers."""
-        return _fabric_list(self.scene)
+        return fabric_list(self.scene)
 
     @property
     def pressure_names(self) -> tuple[str, ...]:
@@ -196,12 +176,12 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     :raises InputError: unknown groups, elements without a fabric, no warp direction, supports that leave a rigid motion.
     """
     _check_memory(scene, mesh)
-    fabrics, tri_fabric = _fabrics(scene, mesh)
+    fabrics, tri_fabric = fabrics_of(scene, mesh)
     chambers = chambers_of(scene, mesh)
     tri_chamber, tri_ahead = sides(chambers, mesh.tri_count)
-    unit_forces = _unit_forces(scene, mesh)
-    held, frame = _held(scene, mesh)
-    motions = _motions(scene, mesh, held, frame)
+    unit_forces = unit_forces_of(scene, mesh)
+    held, frame = held_components(scene, mesh)
+    motions = motions_of(scene, mesh, held, frame)
     cables = cables_of(scene, mesh)
     left = meshes.rigid_motions_left(mesh, held, frame, None if cables is None else cables.nodes)
     if left:
@@ -210,7 +190,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         mesh=mesh,
         fabrics=fabrics,
         tri_fabric=tri_fabric,
-        tri_warp=_warp_directions(scene, mesh, tri_fabric, fabrics),
+        tri_warp=warp_directions(scene, mesh, tri_fabric, fabrics),
         node_held=held,
         node_frame=frame,
         tri_chamber=tri_chamber,
@@ -240,196 +220,3 @@ def _check_memory(scene: Scene, mesh: Mesh) -> None:
             f"{steps} load steps of {mesh.node_count} nodes and {mesh.tri_count} elements with {len(scene.loads)} loads"
         )
         raise InputError(f"stages: the run {short}: {counts}; take fewer load steps or a coarser mesh")
-
-
-def _fabric_list(scene: Scene) -> list[tuple[str, Fabric]]:
-    """The scene's fabrics with the element group of each; the default fabric comes first, for all elements."""
-    default = [("all", scene.fabric)] if scene.fabric is not None else []
-    return [*default, *scene.fabrics.items()]
-
-
-def _fabrics(scene: Scene, mesh: Mesh) -> tuple[tuple[FabricConstants, ...], Ints]:
-    constants, number_of = [], np.full(mesh.tri_count, -1, dtype=np.int32)
-    default_given = scene.fabric is not None
-    for number, (group, fabric) in enumerate(_fabric_list(scene)):
-        elements = group_triangles(mesh, group, f"fabrics.{group}")
-        taken = number_of[elements]
-        clash = elements[taken > 0 if default_given else taken >= 0]
-        if clash.size:
-            raise InputError(
-                f"fabrics.{group}: element {clash[0]} (and {clash.size - 1} others) already has a fabric from another group"
-            )
-        number_of[elements] = number
-        constants.append(
-            FabricConstants(
-                e_warp=fabric.warp_modulus,
-                e_weft=fabric.weft_modulus,
-                poisson=fabric.nu,
-                shear=fabric.shear_modulus,
-                thickness=fabric.thickness,
-                law=fabric.law,
-                side_strain=fabric.side_strain,
-                prestress=fabric.prestress,
-            )
-        )
-    bare = np.flatnonzero(number_of < 0)
-    if bare.size:
-        raise InputError(
-            f"fabrics: {bare.size} of {mesh.tri_count} elements have no fabric, the first is {bare[0]}; "
-            "give [fabric] for all others, or a [fabrics.GROUP] for them"
-        )
-    return tuple(constants), number_of
-
-
-def _warp_directions(scene: Scene, mesh: Mesh, tri_fabric: Ints, fabrics: tuple[FabricConstants, ...]) -> Floats:
-    normals = mesh.tri_normals()
-    corners = mesh.points[mesh.triangles]
-    direction = corners[:, 1] - corners[:, 0]  # any direction will do where the fabric has none
-    for number, (group, fabric) in enumerate(_fabric_list(scene)):
-        elements = np.flatnonzero(tri_fabric == number)
-        directed = not fabrics[number].isotropic or any(fabric.prestress)
-        if fabric.warp is not None:
-            direction[elements] = fabric.warp
-        elif mesh.tri_warp is not None:
-            direction[elements] = mesh.tri_warp[elements]
-        elif directed:
-            raise InputError(f"fabrics.{group}: this mesh has no warp direction of its own; give warp = [x, y, z]")
-        if directed:
-            checked = preparation.project_on_elements(direction, normals, elements, f"fabrics.{group}.warp")
-            direction[elements] = _turned(checked, normals[elements], np.deg2rad(fabric.warp_angle))
-        else:
-            direction[elements] = _any_tangent(direction[elements], corners[elements], normals[elements])
-    return direction
-
-
-def _any_tangent(direction: Floats, corners: Floats, normals: Floats) -> Floats:
-    """Directions for an isotropic fabric, where only output depends on them: the first side where the asked one is normal."""
-    along = direction - np.einsum("ij,ij->i", direction, normals)[:, None] * normals
-    poor = np.linalg.norm(along, axis=1) <= 1e-6 * np.linalg.norm(direction, axis=1)
-    along[poor] = (corners[:, 1] - corners[:, 0])[poor]
-    return along
-
-
-def _turned(direction: Floats, normals: Floats, angle: float) -> Floats:
-    """Tangent vectors turned by ``angle`` about the normals, counter-clockwise seen from the positive side."""
-    return np.cos(angle) * direction + np.sin(angle) * np.cross(normals, direction)
-
-
-def _held(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats | None]:
-    """Held components of each node, and the axes they refer to: None while all supports are along x, y, z."""
-    held = np.zeros((mesh.node_count, 3), dtype=bool)
-    normals: dict[int, list[Floats]] = {}
-    for number, support in enumerate(scene.supports, 1):
-        nodes = group_nodes(mesh, support.group, f"supports[{number}].group")
-        for component in support.hold or "":
-            held[nodes, "xyz".index(component)] = True
-        if support.normal is not None:
-            direction = np.array(support.normal) / np.linalg.norm(support.normal)
-            for node in nodes:
-                normals.setdefault(int(node), []).append(direction)
-    if not normals:
-        return held, None
-    frame = np.tile(np.eye(3), (mesh.node_count, 1, 1))
-    for node, directions in normals.items():
-        along_axes = list(np.eye(3)[held[node]])
-        # Right singular vectors: first a basis of all held directions, then of what is left free.
-        _, values, rows = np.linalg.svd(np.array(directions + along_axes))
-        rank = int((values > 1e-9).sum())
-        frame[node] = rows
-        held[node] = np.arange(3) < rank
-    return held, frame
-
-
-def _motions(scene: Scene, mesh: Mesh, held: NDArray[np.bool_], frame: Floats | None) -> dict[str, PrescribedMotion]:
-    """The prescribed motions; their components are added to the held ones.
-
-    :raises InputError: a component that a support or another motion already governs.
-    """
-    motions = {}
-    for name, motion in scene.motions.items():
-        nodes = group_nodes(mesh, motion.group, f"motions.{name}.group")
-        components = tuple("xyz".index(c) for c in motion.hold)
-        if frame is not None and np.any(frame[nodes] != np.eye(3)):
-            slanted = nodes[np.any(frame[nodes] != np.eye(3), axis=(1, 2))]
-            raise InputError(f"motions.{name}: node {slanted[0]} has a slanted support; it cannot be moved too")
-        chosen = np.ix_(nodes, np.array(components))
-        taken = held[chosen]
-        if taken.any():
-            node, c = np.argwhere(taken)[0]
-            raise InputError(
-                f"motions.{name}: component {'xyz'[components[c]]} of node {nodes[node]} is already held by a support "
-                "or moved by another motion"
-            )
-        held[chosen] = True
-        motions[name] = PrescribedMotion(motion, nodes, components)
-    return motions
-
-
-def _unit_forces(scene: Scene, mesh: Mesh) -> dict[str, Floats]:
-    """(n, 3) dead nodal forces at value 1 of each driver that has some."""
-    found = {}
-    for kind, unit_force in DEAD_FORCES.items():
-        entry = kind_named(kind)
-        for name, driver in entry.defined(scene).items():
-            force = unit_force(scene, mesh, name, driver)
-            if force is not None:
-                found[f"{kind}.{name}"] = force
-    return found
-
-
-def _fixed_pressure(scene: Scene, mesh: Mesh, name: str, pressure: Pressure) -> Floats | None:
-    """(n, 3) nodal forces of a pressure that keeps its direction, at value 1; None of others and of one that is never used."""
-    if pressure.kind != "fixed" or not pressure_used(scene, name):
-        return None
-    share = np.zeros(mesh.tri_count)
-    for elements, sign in zip(pressed_triangles(mesh, pressure, f"pressures.{name}"), (1.0, -1.0), strict=True):
-        share[elements] += sign
-    return preparation.nodal_pressure(mesh, share)
-
-
-def _unit_load(scene: Scene, mesh: Mesh, name: str, load: Load) -> Floats:
-    """(n, 3) nodal forces of a load at factor 1."""
-    key = f"loads.{name}"
-    force = np.zeros((mesh.node_count, 3))
-    direction = np.array(load.direction)
-    if load.kind == "area":
-        return force + _tributary_area(mesh, group_triangles(mesh, load.group, f"{key}.group"))[:, None] * direction
-    nodes = group_nodes(mesh, load.group, f"{key}.group")
-    if load.kind == "line":
-        return force + _tributary_length(mesh, nodes, key)[:, None] * direction
-    if load.spread == "equal":
-        share = np.zeros(mesh.node_count)
-        share[nodes] = 1.0
-    elif load.spread == "edges":
-        share = _tributary_length(mesh, nodes, key)
-    else:
-        share = _tributary_area(mesh, np.arange(mesh.tri_count))
-        share[np.setdiff1d(np.arange(mesh.node_count), nodes)] = 0.0
-    return force + (share / share.sum())[:, None] * direction
-
-
-def _tributary_area(mesh: Mesh, elements: Ints) -> Floats:
-    """(n,) a third of the area of each of the elements around a node."""
-    area = np.zeros(mesh.tri_count)
-    area[elements] = mesh.tri_areas()[elements]
-    return preparation.sum_to_nodes(mesh, np.repeat(area / 3.0, 3)[:, None])[:, 0]
-
-
-def _tributary_length(mesh: Mesh, nodes: Ints, key: str) -> Floats:
-    """(n,) half the length of the edges, of those with both ends in the group, that meet at a node."""
-    member = np.zeros(mesh.node_count, dtype=bool)
-    member[nodes] = True
-    edges = mesh.edges()
-    edges = edges[member[edges].all(axis=1)]
-    if not len(edges):
-        raise InputError(f"{key}.group: no mesh edge has both ends in this group of {len(nodes)} nodes")
-    length = np.linalg.norm(mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], axis=1)
-    total = np.bincount(edges.ravel(), weights=np.repeat(0.5 * length, 2), minlength=mesh.node_count)
-    return np.asarray(total, dtype=np.float64)
-
-
-# Dead nodal forces at value 1 by kinds of drivers; in this order they are summed.
-DEAD_FORCES: dict[str, Callable[[Scene, Mesh, str, Any], Floats | None]] = {
-    "load": _unit_load,
-    "pressure": _fixed_pressure,
-}

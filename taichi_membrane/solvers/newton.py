@@ -21,6 +21,7 @@ from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now
 from taichi_membrane.solvers.relaxation import Relaxation
+from taichi_membrane.solvers.soft_mode import scaled, softest
 
 # Shifts are multiples of 2 M. Twice that bounds the tangent in size (K ≤ 4 M), so that a shift of 2 makes any definite; enormous
 # pressures come near: their load stiffness has been seen at -2.3 M.
@@ -129,7 +130,7 @@ class Newton:
     def factorised(self, *, indefinite: bool = False) -> Factor | None:
         """The present tangent, factorised; see :meth:`.LinearSolver.factorise`."""
         blocks = self.tangent.assemble()
-        loose = self._loose(blocks) if indefinite else None
+        loose = self.tangent.loose(self.free) if indefinite else None
         factor = self.tangent.solver.factorise(blocks, loose, indefinite=indefinite)
         return self._whole(factor, self.skew())
 
@@ -147,23 +148,6 @@ class Newton:
         """Potential energy at the present displacements, from which the work of pressures without a potential is counted."""
         self._skew = self.skew()
         return self._settled_energy(loads)
-
-    def _loose(self, blocks: Floats) -> Floats | None:
-        """(node_count, 3) a stiffness for free nodes that nothing holds, such as one amid slack triangles without pressure.
-
-        Their rows are zero: they take no part in any force, and whatever stiffness they get, the rest stays as it is. A node that
-        something holds in one direction and nothing in another, as in a flat sheet, is another matter: a load would move it. None
-        where there is no loose node.
-        """
-        elimination = self.tangent.elimination
-        loose = self.free.all(axis=1) & (np.abs(blocks[elimination.node_block]).max(axis=(1, 2)) == 0.0)
-        if not loose.any():
-            return None
-        beside = np.abs(blocks[elimination.edge_block]).max(axis=(1, 2))
-        column, row = elimination.edge_node.T
-        loose[row[beside > 0.0]] = False  # pressure couples nodes whose own block is zero
-        loose[column[beside > 0.0]] = False
-        return np.where(loose[:, None], np.ones(3), 0.0)
 
     def _settled_energy(self, loads: Floats) -> float:
         """Potential energy at the present displacements, with the pressures of closed chambers set to what they are there."""
@@ -277,17 +261,9 @@ class Newton:
 
     def _softest(self, factor: Factor, shift: float, iterations: int) -> tuple[Floats, float]:
         """The mode of lowest curvature, by inverse iteration from the last one, and that curvature in units of the shift."""
-        factor, bound, mode, value = symmetric(factor), self._stiffness_bound(), self._mode, 0.0
-        if mode is None:  # a fixed start: runs repeat bit by bit
-            mode = np.where(self.free, np.random.default_rng(0).standard_normal(self.free.shape), 0.0)
-        for _ in range(iterations):
-            right = bound * mode
-            mode = factor.solve(right)
-            length = float(np.vdot(mode, bound * mode))
-            value = float(np.vdot(mode, right)) / length - shift
-            mode /= np.sqrt(length)
-        self._mode = mode
-        return mode, value
+        bound = self._stiffness_bound()
+        self._mode, value = softest(symmetric(factor), bound, shift, iterations, start=self._mode, free=self.free)
+        return self._mode, value
 
     def _leave_saddle(self, position: Floats, energy: float, loads: Floats) -> tuple[Floats, float] | None:
         """A lower state beside an equilibrium that is unstable; None where the equilibrium is stable (or indifferent).
@@ -311,7 +287,7 @@ class Newton:
         self._skew = None  # that of the symmetric part
         mode = self._softest_mode()
         if mode is not None:
-            step = self._small(mode)
+            step = scaled(self.membrane, mode)
             self._return(self.membrane.retract(self.membrane.displacement(), _DISTURBANCE * step))
 
     def _softest_mode(self) -> Floats | None:
@@ -328,7 +304,7 @@ class Newton:
 
     def _push(self, position: Floats, energy: float, mode: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """The lower state along a mode, either way, as far as the energy keeps falling; None where it rises both ways."""
-        step = self._small(mode)
+        step = scaled(self.membrane, mode)
         best: tuple[Floats, float] | None = None
         for sign in (1.0, -1.0):
             fraction = _FIRST_PUSH
@@ -342,20 +318,6 @@ class Newton:
                 fraction *= 2.0
         self._return(position if best is None else best[0])
         return best
-
-    def _small(self, mode: Floats) -> Floats:
-        """(node_count, 3) a mode, its largest component as large as sides and cables are where the mode moves.
-
-        Sides are averaged with the mode's square: one needle somewhere else counts as little as it moves.
-        """
-        structure, moves = self.membrane.structure, (mode**2).sum(axis=1)
-        sides = self.membrane.geometry.side_length.mean(axis=1)
-        share = moves[structure.mesh.triangles].sum(axis=1)
-        if structure.cables is not None:
-            sides = np.concatenate([sides, structure.cables.length])
-            share = np.concatenate([share, moves[structure.cables.nodes].sum(axis=1)])
-        length = float(share @ sides) / float(share.sum())
-        return np.asarray(mode / np.abs(mode).max() * length)
 
     def _stiffness_bound(self) -> Floats:
         """(node_count, 3) twice the fictitious masses at free components, the unit of the shift."""

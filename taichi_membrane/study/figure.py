@@ -56,7 +56,7 @@ def draw_study(study: Study, path: Path) -> None:
         _draw_cost(row_panels[0], item, rows, study, tolerances)
         _draw_meshes(row_panels[1], item)
         if columns == 3:
-            _draw_iteration(row_panels[2], item, rows)
+            _draw_iteration(row_panels[2], rows)
     figure.legend(
         handles=_legend(study, tolerances),
         loc="outside lower center",
@@ -101,7 +101,7 @@ def _draw_meshes(axes: Axes, item: Convergence) -> None:
     _log_axis(axes, "y", [error for _, error in points])
 
 
-def _draw_iteration(axes: Axes, item: Convergence, rows: Sequence[Row]) -> None:
+def _draw_iteration(axes: Axes, rows: Sequence[Row]) -> None:
     """Lines join tolerances here; each is one mesh."""
     _prepare(axes, "iteration", "tolerance of the solver", "relative iteration error")
     shown = [row for row in rows if row.iteration_error]

@@ -283,6 +283,8 @@ def largest_eigenvalue(work: Any) -> float:
         free, 1.0 / np.sqrt(np.repeat(work.relaxation.masses(), 3)), 0.0
     )  # held components count as no stiffness
     scaled = sparse.diags(root) @ stiffness @ sparse.diags(root)
+    if not scaled.count_nonzero():
+        return 0.0  # all slack, without pressure
     start = np.random.default_rng(0).standard_normal(len(root))  # fixed: tables repeat
     return float(
         linalg.eigsh(scaled, k=1, which="LA", v0=start, tol=_EIGENVALUE_ACCURACY, return_eigenvectors=False)[0]

@@ -22,11 +22,6 @@ BEAM_LENGTH, BEAM_PRESSURE, BEAM_STIFFNESS = 4.0, 0.01, 1.0
 BEAM_COLLAPSE = math.pi * BEAM_PRESSURE / BEAM_LENGTH  # Comer and Levy: π p r³/L
 
 
-def merged(*parts: Mapping[str, Any]) -> Data:
-    """Scene parts put together, later ones first."""
-    return {key: value for part in parts for key, value in part.items()}
-
-
 def beam(fabric: Mapping[str, Any] | None = None, *, share: float = 0.6, steps: int = 1) -> Data:
     """The beam inflated to p r/(E t) = 0.01, then loaded at its end with a share of its collapse load."""
     return {

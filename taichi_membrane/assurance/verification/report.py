@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from taichi_membrane.assurance.verification.benchmark import BenchmarkResult, QuantityResult
+from taichi_membrane.output.atomic import replacing
 from taichi_membrane.pictures.plots import COLOURS, FONT, GREY, INK, MARKERS
 
 COLUMNS = 3
@@ -26,9 +27,11 @@ def write(results: Sequence[BenchmarkResult], directory: Path) -> list[Path]:
     """Write ``verification.md``, ``.csv`` and ``.png`` into the directory; returns their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = [directory / f"verification.{suffix}" for suffix in ("md", "csv", "png")]
-    paths[0].write_text(markdown(results), encoding="utf-8")
-    paths[1].write_text(comma_separated(results), encoding="utf-8")
-    draw(results, paths[2])
+    for path, text in zip(paths, (markdown(results), comma_separated(results)), strict=False):
+        with replacing(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    with replacing(paths[2]) as temporary:
+        draw(results, temporary)
     return paths
 
 
@@ -127,7 +130,7 @@ def draw(results: Sequence[BenchmarkResult], path: Path) -> None:
             loc="lower left" if kind == "error" else "best",
             handlelength=2.5,
         )
-    figure.savefig(path)
+    figure.savefig(path, format="png")
 
 
 def _has(result: BenchmarkResult, kind: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +21,7 @@ def off_axis() -> Benchmark:
     def run(size: int) -> Solution:
         result = solve(
             {
-                "mesh": {
-                    "shape": "tube", "radius": radius, "length": length, "around": 4 * size, "along": 2 * size, "cap_end": "none",
-                },
+                "mesh": _open_tube(radius, length, around=4 * size, along=2 * size),
                 "fabric": {
                     "E_warp": warp, "E_weft": weft, "nu": nu, "G": shear, "thickness": 1.0, "warp_angle": angle,
                 },
@@ -35,7 +34,7 @@ def off_axis() -> Benchmark:
                     {"group": "y_zero", "hold": "y"},
                     {"group": "z_zero", "hold": "z"},
                 ],
-                "loads": {"lid": {"group": "end", "direction": [math.pi * radius**2 * pressure, 0.0, 0.0], "spread": "edges"}},
+                "loads": {"lid": _thrust(radius, pressure)},
                 "stages": [{"name": "inflate", "pressure": pressure, "loads": {"lid": 1.0}}],
                 "probes": {
                     "twist": {"kind": "rotation", "group": "end", **X_AXIS},
@@ -142,12 +141,10 @@ def torsion() -> Benchmark:
         stress = pressure * radius
         result = solve(
             {
-                "mesh": {
-                    "shape": "tube", "radius": radius, "length": length, "around": 4 * size, "along": 4 * size, "cap_end": "none",
-                },
+                "mesh": _open_tube(radius, length, around=4 * size, along=4 * size),
                 "fabric": {"E": stiffness, "nu": nu, "thickness": 1.0, "prestress": [0.5 * stress, stress, 0.0]},
                 "supports": [{"group": "start", "hold": "xyz"}],
-                "loads": {"lid": {"group": "end", "direction": [math.pi * radius**2 * pressure, 0.0, 0.0], "spread": "edges"}},
+                "loads": {"lid": _thrust(radius, pressure)},
                 "motions": {"end": {"kind": "rotation", "group": "end", "hold": "yz", **X_AXIS}},
                 "stages": [
                     {"name": "inflate", "pressure": pressure, "loads": {"lid": 1.0}},
@@ -176,17 +173,12 @@ def torsion() -> Benchmark:
         size_label="elements round a quarter",
         sizes=(4, 8, 16),
         more_sizes=(32,),
-        quantities=(
-            Quantity(
-                name="torque at half the onset", reference=0.5, source="T = 2π r³ G t θ'", bound=0.005, resolution=1e-4
-            ),
-            Quantity(
-                name="torque at three times the onset",
-                reference=1.0,
-                source="N_x N_t = N_xt² with N_x = p r/2, N_t = p r",
-                bound=0.005,
-                resolution=1e-4,
-            ),
+        quantities=tuple(
+            Quantity(name=name, reference=reference, source=source, bound=0.005, resolution=1e-4)
+            for name, reference, source in (
+                ("torque at half the onset", 0.5, "T = 2π r³ G t θ'"),
+                ("torque at three times the onset", 1.0, "N_x N_t = N_xt² with N_x = p r/2, N_t = p r"),
+            )
         ),
         run=run,
         curve=Curve(
@@ -197,3 +189,12 @@ def torsion() -> Benchmark:
             exact="small strain",
         ),
     )
+
+
+def _open_tube(radius: float, length: float, *, around: int, along: int) -> dict[str, Any]:
+    return {"shape": "tube", "radius": radius, "length": length, "around": around, "along": along, "cap_end": "none"}
+
+
+def _thrust(radius: float, pressure: float) -> dict[str, Any]:
+    """The load of a lid that closes the end of a tube."""
+    return {"group": "end", "direction": [math.pi * radius**2 * pressure, 0.0, 0.0], "spread": "edges"}

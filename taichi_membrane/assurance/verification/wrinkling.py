@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from taichi_membrane.assurance.verification import closed_forms
@@ -19,42 +21,17 @@ def strip() -> Benchmark:
     shares = [0.04, *(prestress / (stiffness * curvature * (centre - b)) for b in (0.1, 0.25, 0.4, 0.55, band))]
     names = {0: "taut", 2: "a quarter wrinkled", 5: "seven tenths wrinkled"}
 
+    stages = [
+        {
+            "name": f"bend{number}",
+            "loads": {"upper": 1.0, "lower": 1.0},
+            "motions": {"end": float(np.rad2deg(np.arcsin(share * curvature)))},
+        }
+        for number, share in enumerate(shares)
+    ]
+
     def run(size: int) -> Solution:
-        result = solve(
-            {
-                "mesh": {
-                    "shape": "panel", "width": 1.0, "height": 1.0, "along_x": size, "along_y": size, "pattern": "crossed",
-                },
-                "fabric": {"E": stiffness, "nu": nu, "thickness": 1.0, "prestress": [prestress, prestress, 0.0]},
-                "groups": {"pin": {"where": "x = 0 within 1e-9 and y = 0.5 within 1e-9"}},
-                "supports": [
-                    {"group": "all", "hold": "z"},
-                    {"group": "x_min", "hold": "x"},
-                    {"group": "pin", "hold": "y"},
-                ],
-                "loads": {
-                    "upper": {"kind": "line", "group": "y_max", "direction": [0.0, prestress, 0.0]},
-                    "lower": {"kind": "line", "group": "y_min", "direction": [0.0, -prestress, 0.0]},
-                },
-                "motions": {
-                    "end": {
-                        "kind": "rotation", "group": "x_max", "axis": [0.0, 0.0, -1.0], "through": [1.0, centre, 0.0], "hold": "x",
-                    }
-                },
-                "stages": [
-                    {
-                        "name": f"bend{number}",
-                        "loads": {"upper": 1.0, "lower": 1.0},
-                        "motions": {"end": float(np.rad2deg(np.arcsin(share * curvature)))},
-                    }
-                    for number, share in enumerate(shares)
-                ],
-                "probes": {
-                    "force": {"kind": "reaction", "group": "x_max", "component": "x"},
-                    "moment": {"kind": "moment", "group": "x_max", "axis": [0.0, 0.0, -1.0], "through": [1.0, 0.5, 0.0]},
-                },
-            }
-        )  # fmt: skip
+        result = solve(_strip_scene(size, stiffness, prestress, nu, centre, stages))
         force, moment = result.probe("force"), result.probe("moment")
         values = {f"moment, {word}": moment[step] for step, word in names.items()}
         values["axial force, seven tenths wrinkled"] = force[-1]
@@ -89,6 +66,38 @@ def strip() -> Benchmark:
             y=np.concatenate(([0.0], 1.0 / 6.0 + bands / 3.0)),
         ),
     )
+
+
+def _strip_scene(
+    size: int, stiffness: float, prestress: float, nu: float, centre: float, stages: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """The strip, ``size`` crossed squares high, with its end turned about a point at the height ``centre``."""
+    return {
+        "mesh": {
+            "shape": "panel", "width": 1.0, "height": 1.0, "along_x": size, "along_y": size, "pattern": "crossed",
+        },
+        "fabric": {"E": stiffness, "nu": nu, "thickness": 1.0, "prestress": [prestress, prestress, 0.0]},
+        "groups": {"pin": {"where": "x = 0 within 1e-9 and y = 0.5 within 1e-9"}},
+        "supports": [
+            {"group": "all", "hold": "z"},
+            {"group": "x_min", "hold": "x"},
+            {"group": "pin", "hold": "y"},
+        ],
+        "loads": {
+            "upper": {"kind": "line", "group": "y_max", "direction": [0.0, prestress, 0.0]},
+            "lower": {"kind": "line", "group": "y_min", "direction": [0.0, -prestress, 0.0]},
+        },
+        "motions": {
+            "end": {
+                "kind": "rotation", "group": "x_max", "axis": [0.0, 0.0, -1.0], "through": [1.0, centre, 0.0], "hold": "x",
+            }
+        },
+        "stages": stages,
+        "probes": {
+            "force": {"kind": "reaction", "group": "x_max", "component": "x"},
+            "moment": {"kind": "moment", "group": "x_max", "axis": [0.0, 0.0, -1.0], "through": [1.0, 0.5, 0.0]},
+        },
+    }  # fmt: skip
 
 
 def annulus() -> Benchmark:

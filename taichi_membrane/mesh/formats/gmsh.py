@@ -14,7 +14,6 @@ from taichi_membrane.mesh.formats.source import Numbering, Source, several
 Ints = NDArray[np.int64]
 _KINDS: dict[int, tuple[CellKind, int]] = {15: ("vertex", 0), 1: ("line", 1), 2: ("triangle", 2), 3: ("quad", 2)}
 _SOLIDS = {4: "tetrahedra", 5: "hexahedra", 6: "prisms", 7: "pyramids"}
-_MOST_NODES = 125  # nodes of gmsh's largest element; a count above it is damage
 
 
 @dataclass(eq=False)

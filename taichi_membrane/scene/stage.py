@@ -1,0 +1,57 @@
+"""A stage: a ramp of pressures, loads and motions in load steps."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from taichi_membrane.scene.base import Finite, Name, Record
+
+
+class Stage(Record):
+    """A ramp, in ``steps`` equal load steps, from the state before to the given pressures, load and motion factors.
+
+    What is not named keeps its value. ``until = "collapse"``: the stage is meant to meet its largest stable load on the way; the
+    run then goes on to the next stage from there. ``control = "arc_length"`` follows the equilibrium path in at most ``steps``
+    steps, through limit points, until the stage's values are reached; needs Newton, and no motion that changes. ``closed`` names
+    pressures whose valve is shut from the stage's start to its end: they follow their volume.
+    """
+
+    name: Name
+    """Name that checks, curves and results use."""
+    steps: Annotated[int, Field(ge=1, le=10_000)] = 1
+    """Number of equal load steps; by arc length the most steps."""
+    pressure: Finite | dict[Name, Finite] | None = None
+    """Pressure at the stage's end [force/length²]: one number where the scene has one pressure, else a table by name."""
+    loads: dict[Name, Finite] = {}
+    """Factor of each load at the stage's end; what is not named keeps its value."""
+    motions: dict[Name, Finite] = {}
+    """Factor of each motion at the stage's end."""
+    control: Literal["load", "arc_length"] = "load"
+    """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""
+    until: Literal["target", "collapse", "collapse_or_target", "steps"] = "target"
+    """What ends the stage well: its ``target``; its largest stable load on the way (``collapse``); either
+    (``collapse_or_target``); by arc length also the last of its ``steps``."""
+    snaps: Literal["stop", "pass"] = "stop"
+    """At a maximum of the load: ``stop`` there, as collapse; ``pass`` goes on from a stable state beyond the jump, and tells it."""
+    closed: list[Name] = []
+    """Pressures whose valve is shut during the stage: they follow their volume."""
+
+    @property
+    def may_end_early(self) -> bool:
+        """Whether the number of load steps done may be below ``steps`` in a run that went well."""
+        return self.control == "arc_length" or self.until != "target"
+
+    @model_validator(mode="after")
+    def _arc_length(self) -> Self:
+        if self.control == "arc_length":
+            if self.motions:
+                raise ValueError("control = 'arc_length' follows pressures and loads; leave out motions")
+            if self.until in ("collapse", "collapse_or_target"):
+                raise ValueError(f"control = 'arc_length' goes on past collapse; leave out until = {self.until!r}")
+            if self.snaps == "pass":
+                raise ValueError("control = 'arc_length' follows the path and does not snap; leave out snaps")
+        elif self.until == "steps":
+            raise ValueError("until = 'steps' is for control = 'arc_length'; load control takes all its steps")
+        return self

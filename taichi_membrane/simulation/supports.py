@@ -1,0 +1,83 @@
+"""A scene's supports and prescribed motions on the nodes of its mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import spatial
+
+from taichi_membrane.errors import InputError
+from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.scene import Rotation, Scene, Translation
+from taichi_membrane.simulation.groups import group_nodes
+
+
+@dataclass(frozen=True)
+class PrescribedMotion:
+    """A node group whose displacement components ``components`` (0, 1, 2) follow a motion; see :mod:`taichi_membrane.scene`."""
+
+    motion: Translation | Rotation
+    nodes: Ints
+    components: tuple[int, ...]
+
+    def displacement(self, points: Floats, factor: float) -> Floats:
+        """(len(nodes), 3) displacement of the group's nodes from their unstressed positions at a factor."""
+        if isinstance(self.motion, Translation):
+            return np.broadcast_to(factor * np.array(self.motion.direction), (len(self.nodes), 3))
+        axis = np.array(self.motion.axis) / np.linalg.norm(self.motion.axis)
+        arms = points[self.nodes] - np.array(self.motion.through)
+        turn = spatial.transform.Rotation.from_rotvec(factor * axis, degrees=True)
+        return np.asarray(turn.apply(arms) - arms)
+
+
+def held_components(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats | None]:
+    """Held components of each node, and the axes they refer to: None while all supports are along x, y, z."""
+    held = np.zeros((mesh.node_count, 3), dtype=bool)
+    normals: dict[int, list[Floats]] = {}
+    for number, support in enumerate(scene.supports, 1):
+        nodes = group_nodes(mesh, support.group, f"supports[{number}].group")
+        for component in support.hold or "":
+            held[nodes, "xyz".index(component)] = True
+        if support.normal is not None:
+            direction = np.array(support.normal) / np.linalg.norm(support.normal)
+            for node in nodes:
+                normals.setdefault(int(node), []).append(direction)
+    if not normals:
+        return held, None
+    frame = np.tile(np.eye(3), (mesh.node_count, 1, 1))
+    for node, directions in normals.items():
+        along_axes = list(np.eye(3)[held[node]])
+        # Right singular vectors: first a basis of all held directions, then of what is left free.
+        _, values, rows = np.linalg.svd(np.array(directions + along_axes))
+        rank = int((values > 1e-9).sum())
+        frame[node] = rows
+        held[node] = np.arange(3) < rank
+    return held, frame
+
+
+def motions_of(scene: Scene, mesh: Mesh, held: NDArray[np.bool_], frame: Floats | None) -> dict[str, PrescribedMotion]:
+    """The prescribed motions; their components are added to the held ones.
+
+    :raises InputError: a component that a support or another motion already governs.
+    """
+    motions = {}
+    for name, motion in scene.motions.items():
+        nodes = group_nodes(mesh, motion.group, f"motions.{name}.group")
+        components = tuple("xyz".index(c) for c in motion.hold)
+        if frame is not None and np.any(frame[nodes] != np.eye(3)):
+            slanted = nodes[np.any(frame[nodes] != np.eye(3), axis=(1, 2))]
+            raise InputError(f"motions.{name}: node {slanted[0]} has a slanted support; it cannot be moved too")
+        chosen = np.ix_(nodes, np.array(components))
+        taken = held[chosen]
+        if taken.any():
+            node, c = np.argwhere(taken)[0]
+            raise InputError(
+                f"motions.{name}: component {'xyz'[components[c]]} of node {nodes[node]} is already held by a support "
+                "or moved by another motion"
+            )
+        held[chosen] = True
+        motions[name] = PrescribedMotion(motion, nodes, components)
+    return motions
