@@ -1,0 +1,498 @@
+"""Each constant and each rule of the step policy, held by tents whose whole path is known in closed form.
+
+A tent's tip is guided and its rim held, so that at the share ζ of its rise it bears λ = (3√3/2) ζ (1 - ζ²) of its limit, at
+ζ = 1/√3. Tents that stand beside one another under one load bear it each for itself: their compliances add up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import pytest
+
+from taichi_membrane.execution.observer import Silent
+from taichi_membrane.execution.run import run
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.scene import Scene
+from taichi_membrane.simulation import equilibrium, load_step
+from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.load_step import Stiffest
+from taichi_membrane.simulation.results import RunResult, StepResult
+from taichi_membrane.solvers.path import Path, PathEnd, PathPoint
+
+if TYPE_CHECKING:
+    from taichi_membrane.simulation.way import Way
+
+pytestmark = pytest.mark.usefixtures("runtime_cpu")
+
+SIDES, RADIUS, THICKNESS = 6, 10.0, 0.1
+INNER = RADIUS * float(np.cos(np.pi / SIDES))
+
+
+def modulus(limit: float, rise: float) -> float:
+    """E of a tent that bears no more than ``limit``."""
+    slant = float(np.hypot(INNER, rise))
+    volume = SIDES * THICKNESS * RADIUS * float(np.sin(np.pi / SIDES)) * slant
+    return limit * 3.0 * float(np.sqrt(3.0)) * slant**4 / (volume * rise**3)
+
+
+def borne(height: float) -> float:
+    """Load over the limit at a share of the rise."""
+    return 1.5 * float(np.sqrt(3.0)) * height * (1.0 - height**2)
+
+
+def softened_to(share: float) -> float:
+    """Load over the limit at which the tent has this share of its first stiffness, dλ/dζ ~ 3 ζ² - 1."""
+    return borne(float(np.sqrt((1.0 + 2.0 * share) / 3.0)))
+
+
+def height_at(load: float, *, beyond: bool = False) -> float:
+    """Stable share of the rise at a load over the limit: before the snap, or ``beyond`` it."""
+    roots = np.roots([-1.5 * np.sqrt(3.0), 0.0, 1.5 * np.sqrt(3.0), -load])
+    real = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
+    return float(real[0] if beyond else real[-1])
+
+
+class Parts:
+    """A mesh put together from tents, sheets and held points; each part is an element group and a fabric of its own."""
+
+    def __init__(self) -> None:
+        self.points: list[Any] = []
+        self.triangles: list[Any] = []
+        self.groups: dict[str, list[int]] = {"held": []}
+        self.elements: dict[str, list[int]] = {}
+        self.scene: dict[str, Any] = {
+            "name": "parts",
+            "units": {"length": "mm", "force": "N"},
+            "mesh": {"shape": "given"},
+            "fabrics": {},
+            "supports": [{"group": "held", "hold": "xyz"}],
+            "loads": {},
+            "probes": {},
+        }
+
+    def tent(self, name: str, limit: float, rise: float, at: Sequence[float] = (0.0, 0.0, 0.0)) -> Parts:
+        """A tent with a load on its tip, both of this name, and a probe of how far it sinks."""
+        angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
+        rim = np.column_stack([RADIUS * np.cos(angle), RADIUS * np.sin(angle), 0.0 * angle])
+        fan = [[0, 1 + k, 1 + (k + 1) % SIDES] for k in range(SIDES)]
+        first = self._part(name, np.vstack([[[0.0, 0.0, rise]], rim]) + at, fan, {"E": modulus(limit, rise)})
+        self.groups[name] = [first]
+        self.groups["held"] += range(first + 1, first + 1 + SIDES)
+        self.scene["supports"].append({"group": name, "hold": "xy"})
+        self.scene["loads"][name] = {"group": name, "direction": [0.0, 0.0, -1.0]}
+        self.scene["probes"][name] = {"kind": "displacement", "group": name, "component": "z"}
+        return self
+
+    def sheet(self, name: str, prestress: float, at: Sequence[float] = (0.0, 0.0, 0.0)) -> Parts:
+        """A square of four prestressed triangles, pushed together by a load of its name; a probe tells how its centre bulges."""
+        square = np.array([[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0], [5, 5, 0]]) + np.asarray(at)
+        fabric = {"E": 1000.0, "prestress": [prestress, prestress, 0.0], "warp": [1.0, 0.0, 0.0]}
+        first = self._part(name, square, [[4, k, (k + 1) % 4] for k in range(4)], fabric)
+        self.groups["held"] += [first, first + 3]
+        self.groups |= {name: [first + 1, first + 2], f"{name}_centre": [first + 4]}
+        self.scene["supports"].append({"group": name, "hold": "yz"})
+        self.scene["loads"][name] = {"group": name, "direction": [-1.0, 0.0, 0.0]}
+        self.scene["probes"][name] = {"kind": "displacement", "group": f"{name}_centre", "component": "z"}
+        return self
+
+    def anchor(self, at: Sequence[float], *, held: bool = True) -> Parts:
+        """A point to tie something to; ``frame`` is the triangle that it belongs to."""
+        first = self._part(
+            "frame", np.array([[0, 0, 0], [0, 9, 0], [0, 0, 9]]) + np.asarray(at), [[0, 1, 2]], {"E": 1.0}
+        )
+        self.groups |= {"anchor": [first], "frame": [first, first + 1, first + 2]}
+        if held:
+            self.groups["held"] += self.groups["frame"]
+        return self
+
+    def tie(self, EA: float, unstressed: float = 1.0, **more: Any) -> Parts:
+        """A cable from ``tent`` to ``anchor``."""
+        self.scene["cables"] = {"tie": {"nodes": ["tent", "anchor"], "EA": EA, "unstressed": unstressed, **more}}
+        return self
+
+    def run(self, *stages: dict[str, Any], **more: Any) -> RunResult:
+        """Run it; each stage gets a name."""
+        observer = more.pop("observer", None)
+        scene = self.scene | {"stages": [{"name": f"stage{k}", **stage} for k, stage in enumerate(stages)]} | more
+        mesh = Mesh.build(np.vstack(self.points), np.vstack(self.triangles), self.groups, self.elements)
+        return run(Scene.model_validate(scene), mesh=mesh, observer=observer)
+
+    def _part(self, name: str, points: Any, triangles: Any, fabric: dict[str, Any]) -> int:
+        first, before = sum(map(len, self.points)), sum(map(len, self.triangles))
+        self.points.append(points)
+        self.triangles.append(np.array(triangles) + first)
+        self.elements[name] = list(range(before, before + len(triangles)))
+        self.scene["fabrics"][name] = {"nu": 0.0, "thickness": THICKNESS, "law": "none"} | fabric
+        return first
+
+
+def tent(limit: float = 1.0, rise: float = 1.0) -> Parts:
+    """One tent."""
+    return Parts().tent("tent", limit, rise)
+
+
+def loads(**values: float) -> dict[str, Any]:
+    """A stage to these loads."""
+    return {"loads": values}
+
+
+def events(step: StepResult) -> list[str]:
+    return [one.event for one in step.trace]
+
+
+# ---- what a step hides
+
+
+def error_of_one_step(big: tuple[float, float], small: tuple[float, float]) -> float:
+    """The policy's e of a step to 1 N each on two tents of a limit and a rise, the second of which snaps on the way."""
+    first = last = way = 0.0
+    for (limit, rise), beyond in ((big, False), (small, True)):
+        height = height_at(1.0 / limit, beyond=beyond)
+        first += rise / (limit * 3.0 * np.sqrt(3.0))
+        last += rise / (limit * 1.5 * np.sqrt(3.0) * abs(1.0 - 3.0 * height**2))
+        way += rise * (1.0 - height)
+    return float((0.5 * (1.0 / first + 1.0 / last) - 1.0 / way) / max(1.0 / first, 1.0 / last))
+
+
+@pytest.mark.parametrize(("rise", "seen"), [(0.0015, False), (0.004, True)])
+def test_a_snap_is_seen_from_a_tenth_of_the_stiffness_on(rise: float, seen: bool) -> None:
+    """A small tent snaps through beside a big one; alone it is a collapse at half the load, beside it soon a mere wrinkle."""
+    error = error_of_one_step((5.0, 1.0), (0.5, rise))
+    assert (error > 0.1) == seen
+    assert 0.05 < error < 0.15
+    result = Parts().tent("big", 5.0, 1.0).tent("small", 0.5, rise, at=(30.0, 0.0, 0.0)).run(loads(big=1.0, small=1.0))
+    limit = result.steps[-1].limit
+    if seen:
+        assert limit is not None
+        lower, upper = limit["load.small"]
+        assert lower <= 0.5 <= upper
+    else:
+        assert (result.outcome, limit) == ("finished", None)
+        assert result.steps[-1].probes["small"] < -2.0 * rise
+
+
+# ---- softness
+
+
+@pytest.mark.parametrize(("share", "first"), [(0.3, "load control"), (0.15, "load control"), (0.07, "path")])
+def test_below_a_tenth_of_the_first_stiffness_the_path_is_followed(share: float, first: str) -> None:
+    """Stiffness and load of a tent are known: 1 - (λ/λ_max)² ≈ (s/s₀)². How long the steps of the course are does not matter."""
+    load = softened_to(share)
+    result = tent().run(loads(tent=load), loads(tent=load + 0.1 * (1.0 - load)))
+    assert result.outcome == "finished"
+    assert [one.trace[0].event for one in result.steps] == ["load control", first]
+    height = height_at(load + 0.1 * (1.0 - load))
+    assert 1.0 + result.steps[-1].probes["tent"] == pytest.approx(height, rel=1e-4)
+
+
+def test_another_direction_of_the_load_has_a_softness_of_its_own() -> None:
+    """A tent a hundred times softer than the one that was loaded before it is no softened structure."""
+    both = Parts().tent("stiff", 100.0, 1.0).tent("soft", 1.0, 1.0, at=(30.0, 0.0, 0.0))
+    result = both.run(loads(stiff=1.0), loads(soft=0.3))
+    assert [events(step) for step in result.steps] == [["load control"]] * 2
+
+
+@pytest.mark.parametrize(("turn", "same"), [(0.0, True), (3e-5, True), (1e-4, False)])
+def test_a_course_is_a_direction_to_five_digits(turn: float, same: bool) -> None:
+    """Loads told to five digits go on in one direction; what is turned by more is another course, whose stiffness is its own."""
+    stiffest = Stiffest()
+    ahead, aside = LoadState({"load.a": 1.0, "load.b": 3.0}), 3.0 * turn
+    beyond = LoadState({"load.a": 2.0 + aside, "load.b": 6.0 - aside / 3.0})
+    nothing = LoadState({"load.a": 0.0, "load.b": 0.0})
+    assert stiffest.take(cast("Way", SimpleNamespace(before=nothing, after=ahead)), 1.0) == 1.0
+    found = stiffest.take(cast("Way", SimpleNamespace(before=ahead, after=beyond)), 0.1)
+    assert found == pytest.approx(0.1 if same else 1.0, rel=1e-3)
+
+
+# ---- kinks
+
+
+class Patience(Silent):
+    """Ends a run that takes more iterations than it should."""
+
+    def __init__(self, most: int) -> None:
+        self.left = most
+
+    def progress(self, stage: str, step: int, steps: int, iterations: int, residual: float, seconds: float) -> None:
+        """Count one."""
+        self.left -= 1
+        assert self.left > 0, "the run does not come to an end"
+
+
+def test_a_kink_is_found_to_a_thousandth_and_taken() -> None:
+    """A slack cable under a tent goes taut when the tip has risen by its slack: from there on it is hundreds of times stiffer."""
+    slack, first, last = 0.05, -0.1, -1.0
+    under = tent().anchor((0.0, 0.0, -100.0)).tie(EA=5e5, unstressed=1.0 + slack / 101.0)
+    result = under.run(loads(tent=first), loads(tent=last), observer=Patience(500))
+    assert result.outcome == "finished"
+    taut = (borne(1.0 + slack) - first) / (last - first)
+    trace = result.steps[-1].trace
+    (kink,) = [one.share for one in trace if one.event == "kink"]
+    before = max(one.share for one in trace if one.event == "load control" and one.share < kink)
+    assert before < taut < kink
+    assert kink - before == 2.0**-10
+    assert {one.event for one in trace} == {"bisected", "load control", "kink"}
+
+
+def test_a_limit_with_a_corner_is_bracketed() -> None:
+    """A cable holds a tent that would long have snapped; as it goes slack the load falls at once."""
+    under = tent().anchor((0.0, 0.0, -99.0)).tie(EA=500.0, unstressed=0.994)
+    result = under.run(loads(tent=0.0), loads(tent=1.5))
+    assert result.outcome == "collapse"
+    limit = result.steps[-1].limit
+    assert limit is not None
+    lower, upper = limit["load.tent"]
+    assert lower <= borne(0.4) <= upper
+    assert upper - lower < 1.1e-3 * 1.5
+
+
+# ---- starts
+
+
+@pytest.mark.parametrize(("prestress", "event"), [(5e-5, "load control"), (5e-4, "unverified start")])
+def test_a_start_off_balance_by_more_than_rounding_is_no_equilibrium(prestress: float, event: str) -> None:
+    """A cable's prestress pulls at the tip: so much of the load, 1 N, is out of balance at the start; 1e-6 is the tolerance."""
+    under = tent(limit=5.0).anchor((0.0, 0.0, -100.0)).tie(EA=1e-3, prestress=prestress)
+    assert events(under.run(loads(tent=1.0)).steps[-1]) == [event]
+
+
+# ---- bifurcations
+
+
+def softened(prestress: Sequence[float], end: float) -> RunResult:
+    """Sheets beside a tent just below its limit of 1 N, so that the path is followed; both loads rise by the same to ``end``."""
+    parts, mid = Parts().tent("tent", 1.0, 1.0, at=(0.0, 50.0, 0.0)), softened_to(0.05)
+    for k, one in enumerate(prestress):
+        parts.sheet(f"sheet{k}", one, at=(20.0 * k, 0.0, 0.0))
+
+    def to(load: float) -> dict[str, Any]:
+        return loads(tent=load, **{f"sheet{k}": load - 1e-3 for k in range(len(prestress))})
+
+    return parts.run(to(1e-3), to(mid), to(end))
+
+
+def bulge(prestress: float, load: float) -> float:
+    """How far one sheet bulges at a load, alone, in small steps from where it is flat."""
+    result = (
+        Parts()
+        .sheet("sheet", prestress)
+        .run(loads(sheet=0.0), loads(sheet=0.99 * prestress), loads(sheet=load) | {"steps": 10})
+    )
+    assert result.outcome == "finished"
+    return abs(result.steps[-1].probes["sheet"])
+
+
+def test_sheets_bulge_one_after_another_on_one_path() -> None:
+    """Three sheets give way at three loads; each bulges as it does alone, and none is a collapse."""
+    prestress, end = (0.998, 0.999, 0.9995), 0.9999
+    result = softened(prestress, end)
+    assert result.outcome == "finished"
+    last = result.steps[-1]
+    assert events(last) == [*["path", "bifurcation", "branch"] * 3, "path", "target"]
+    assert last.negative_pivots == 0
+    for k, one in enumerate(prestress):
+        assert abs(last.probes[f"sheet{k}"]) == pytest.approx(bulge(one, end - 1e-3), rel=1e-2)
+
+
+@pytest.mark.parametrize("end", [1.003, 1.001])
+def test_a_limit_soon_after_a_branch_is_not_jumped_over(end: float) -> None:
+    """A sheet bulges just below the limit of the tent beside it: that is the largest load."""
+    result = softened([1.0007], end)
+    assert result.outcome == "collapse"
+    last = result.steps[-1]
+    assert last.limit is not None
+    lower, upper = last.limit["load.tent"]
+    assert lower <= 1.0 <= upper
+    assert abs(last.probes["sheet0"]) > 1e-3
+
+
+@pytest.mark.parametrize("way", [2e-3, 3e-3])
+def test_a_branch_is_found_in_a_short_step(way: float) -> None:
+    """In a step of a few thousandths of the load a branch is still told from the flat state, which is unstable."""
+    start = softened_to(0.05)
+    result = softened([(start + 0.3 * way - 1e-3) / 0.998], start + way)
+    assert result.outcome == "finished"
+    assert "branch" in events(result.steps[-1])
+    assert abs(result.steps[-1].probes["sheet0"]) > 1e-3
+
+
+def test_sheets_bulge_where_they_are_pushed_from_a_start_that_is_no_equilibrium() -> None:
+    """Flat it is in balance too, but unstable: it is pushed off, whatever the start was."""
+    result = Parts().sheet("sheet", 1.0).run(loads(sheet=4.0))
+    assert events(result.steps[-1])[-1] == "unverified start"
+    assert result.steps[-1].negative_pivots == 0
+    assert abs(result.steps[-1].probes["sheet"]) == pytest.approx(bulge(1.0, 4.0), rel=1e-4)
+
+
+# ---- snaps
+
+
+def steep(**stage: Any) -> RunResult:
+    """A steep tent whose tip nothing guides: it tips over below the limit of its upright path, to hang below the rim."""
+    parts = tent(rise=60.0)
+    parts.scene["supports"] = [{"group": "held", "hold": "xyz"}]
+    return parts.run(loads(tent=1.2) | stage)
+
+
+def test_a_snap_is_passed_only_where_the_stage_says_so() -> None:
+    """A guided tent at its limit, a free one where it tips over: both jump, and both land as far below the rim."""
+    for result in (tent().run(loads(tent=1.2)), steep()):
+        assert (result.outcome, result.steps[-1].negative_pivots) == ("collapse", 0)
+    for rise, limit, result in (
+        (1.0, "limit", tent().run(loads(tent=1.2) | {"snaps": "pass"})),
+        (60.0, "bifurcation", steep(snaps="pass")),
+    ):
+        assert result.outcome == "finished"
+        assert events(result.steps[-1]) == ["path", limit, "snap", "load control"]
+        beyond = rise * height_at(1.2, beyond=True)
+        assert rise + result.steps[-1].probes["tent"] == pytest.approx(beyond, rel=1e-4)
+
+
+def test_a_snap_just_below_the_aim_lands_on_the_aim() -> None:
+    """The state beyond a limit is looked for above it, but no further than the load that was asked for."""
+    result = tent().run(loads(tent=1.004) | {"snaps": "pass"})
+    assert events(result.steps[-1])[-1] == "snap"
+    assert result.steps[-1].loads == {"tent": 1.004}
+    assert 1.0 + result.steps[-1].probes["tent"] == pytest.approx(height_at(1.004, beyond=True), rel=1e-5)
+
+
+def test_an_unstable_start_foretells_nothing() -> None:
+    """A path is left between its limits, where a tent is unstable: what load control finds from there is stable, and no more."""
+    result = tent().run(
+        {"loads": {"tent": 1.2}, "control": "arc_length", "steps": 8, "until": "steps"}, loads(tent=0.3)
+    )
+    assert [step.negative_pivots for step in result.steps[-2:]] == [1, 0]
+    assert events(result.steps[-1]) == ["unverified start"]
+    height = 1.0 + result.steps[-1].probes["tent"]
+    assert min(abs(height - height_at(0.3)), abs(height - height_at(0.3, beyond=True))) < 1e-5
+
+
+def test_planes_foretell_nothing() -> None:
+    """A floor stops the tip half way, so that the tent does not collapse; its rigid planes are no part of the tangent."""
+    parts = tent()
+    parts.scene["planes"] = {"floor": {"through": [0.0, 0.0, 0.5], "normal": [0.0, 0.0, 1.0], "group": "tent"}}
+    result = parts.run(loads(tent=0.5), loads(tent=2.0))
+    assert result.outcome == "finished"
+    assert [events(step) for step in result.steps] == [["unverified start"]] * 2
+    assert result.steps[-1].probes["tent"] == pytest.approx(-0.5, abs=1e-6)
+
+
+# ---- motions
+
+
+def pulled(stiffness: float, distance: float, steps: int = 1, **more: Any) -> RunResult:
+    """A tent whose tip is pulled down by a bar to a frame that moves down."""
+    parts = tent().anchor((0.0, 0.0, -100.0), held=False).tie(EA=stiffness * 101.0, kind="bar")
+    parts.scene["motions"] = {"pull": {"kind": "translation", "group": "frame", "direction": [0.0, 0.0, -1.0]}}
+    return parts.run({"motions": {"pull": distance}, "steps": steps}, **more)
+
+
+@pytest.mark.parametrize("steps", [1, 4])
+def test_a_motion_passes_a_snap_and_tells_where(steps: int) -> None:
+    """The frame is at w + λ(1 - w)/k where the tip is at -w: that has a maximum, beyond which the tip jumps."""
+    stiffness, distance = 0.5, 5.0
+    edge = np.sqrt((1.0 - stiffness / (1.5 * np.sqrt(3.0))) / 3.0)
+    limit = (1.0 - edge + borne(edge) / stiffness) / distance
+    result = pulled(stiffness, distance, steps)
+    assert result.outcome == "finished"
+    (snap,) = [one.share for step in result.steps for one in step.trace if one.event == "snap"]
+    assert limit < snap <= limit + 2.0**-10
+    sink = -result.steps[-1].probes["tent"]
+    assert sink + borne(1.0 - sink) / stiffness == pytest.approx(distance, rel=1e-4)
+
+
+def test_a_motion_without_a_snap_tells_none() -> None:
+    """A stiff bar takes the tip through its limit and back up: nothing jumps."""
+    result = pulled(5.0, 3.0)
+    assert result.outcome == "finished"
+    assert "snap" not in events(result.steps[-1])
+    sink = -result.steps[-1].probes["tent"]
+    assert sink + borne(1.0 - sink) / 5.0 == pytest.approx(3.0, rel=1e-4)
+
+
+# ---- landing
+
+
+def test_landing_takes_more_than_one_attempt() -> None:
+    """A cable catches the tip just before the aim: between the path's last two points there is a kink."""
+    over = tent().anchor((0.0, 0.0, 101.0)).tie(EA=1e3, unstressed=1.0038)
+    step = over.run(loads(tent=softened_to(0.05))).steps[-1]
+    assert events(step)[-2:] == ["path", "target"]
+    assert step.cuts == 0
+    sink = -step.probes["tent"]
+    assert borne(1.0 - sink) + 1e3 * (sink - 0.38) / 100.38 == pytest.approx(softened_to(0.05), rel=1e-4)
+
+
+# ---- where Newton or the path does not get on
+
+
+@pytest.fixture
+def clumsy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Newton gives up at once where relaxation can take over."""
+    monkeypatch.setattr(equilibrium, "_NEWTON_PATIENCE", 1)
+
+
+@pytest.fixture
+def lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No path is found."""
+
+    def follow(path: Path, start: PathPoint, target: float, **more: Any) -> PathEnd:
+        return PathEnd(reason="lost", last=start, beyond=None, upper=None, iterations=0)
+
+    monkeypatch.setattr(load_step, "follow", follow)
+
+
+@pytest.mark.usefixtures("clumsy", "lost")
+def test_relaxation_comes_last_and_is_verified() -> None:
+    """Below the limit it is taken; beyond it what it finds lies behind a jump, and is not."""
+    below = tent().run(loads(tent=0.5))
+    assert below.outcome == "finished"
+    assert events(below.steps[-1]) == ["path", "lost", "relaxed"]
+    assert 1.0 + below.steps[-1].probes["tent"] == pytest.approx(height_at(0.5), rel=1e-5)
+    alone = tent().run(loads(tent=0.5), solver={"kind": "newton"})
+    assert events(alone.steps[-1]) == ["load control"]
+    for stage in (loads(tent=1.2), loads(tent=1.2) | {"snaps": "pass"}):
+        above = tent().run(stage)
+        assert above.outcome == "not converged"
+        assert "refused" in events(above.steps[-1])
+        reached = above.steps[-1].loads["tent"]
+        assert 0.9 < reached < 1.0
+        assert 1.0 + above.steps[-1].probes["tent"] == pytest.approx(height_at(reached), rel=1e-4)
+
+
+@pytest.mark.usefixtures("clumsy")
+def test_relaxation_through_a_motion_tells_the_snap() -> None:
+    """A motion has no path to follow: a snap is taken, and told."""
+    result = pulled(0.5, 5.0, solver={"max_cuts": 0})
+    assert result.outcome == "finished"
+    assert events(result.steps[-1]) == ["snap"]
+    sink = -result.steps[-1].probes["tent"]
+    assert sink + borne(1.0 - sink) / 0.5 == pytest.approx(5.0, rel=1e-4)
+
+
+@pytest.mark.usefixtures("clumsy")
+def test_an_unstable_equilibrium_is_refused() -> None:
+    """Relaxation keeps a sheet flat, by symmetry, where flat is unstable; Newton, which could leave it, gives up."""
+    result = Parts().sheet("sheet", 1.0).run(loads(sheet=4.0), solver={"max_cuts": 0})
+    last = result.steps[-1]
+    assert (result.outcome, last.converged) == ("not converged", False)
+    assert events(last) == ["unstable", "refused"]
+    assert "unstable" in last.reason
+    assert last.loads == {"sheet": 0.0}
+
+
+def test_no_start_of_a_path_is_no_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What load control found lies beyond a jump; with no path to tell how far it is stable the step has failed."""
+    monkeypatch.setattr(Path, "start", lambda *_: None)
+    for stages in ([loads(tent=1.2)], [loads(tent=softened_to(0.05)), loads(tent=1.2)]):
+        result = tent().run(*stages, solver={"max_cuts": 0})
+        last = result.steps[-1]
+        assert (result.outcome, last.converged) == ("not converged", False)
+        assert "beyond a jump" in last.reason
+        at = {"tent": 0.0} if len(stages) == 1 else stages[0]["loads"]
+        assert last.loads == at
+        assert 1.0 + last.probes["tent"] == pytest.approx(height_at(at["tent"]), rel=1e-4)
