@@ -7,6 +7,7 @@ A tent's tip is guided and its rim held, so that at the share ζ of its rise it 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -18,13 +19,19 @@ from taichi_membrane.execution.run import run
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation import equilibrium, load_step
+from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.load_step import Stiffest
+from taichi_membrane.simulation.model import build_mesh, build_model
+from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import RunResult, StepResult
+from taichi_membrane.simulation.way import Rest, Way
+from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import Path, PathEnd, PathPoint
+from taichi_membrane.solvers.record import SolveRecord
 
 if TYPE_CHECKING:
-    from taichi_membrane.simulation.way import Way
+    from taichi_membrane.mechanics.preparation import Floats
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
@@ -236,6 +243,8 @@ def test_a_kink_is_found_to_a_thousandth_and_taken() -> None:
     assert before < taut < kink
     assert kink - before == 2.0**-10
     assert {one.event for one in trace} == {"bisected", "load control", "kink"}
+    risen = result.steps[-1].probes["tent"]
+    assert borne(1.0 + risen) - 5e5 * (risen - slack) / (101.0 + slack) == pytest.approx(last, rel=1e-4)
 
 
 def test_a_limit_with_a_corner_is_bracketed() -> None:
@@ -251,6 +260,32 @@ def test_a_limit_with_a_corner_is_bracketed() -> None:
 
 
 # ---- starts
+
+
+def test_from_an_unstrained_start_with_a_cable_the_first_bit_is_unverified() -> None:
+    """Whether a cable is slack or taut hangs on the direction of the least move: the first thousandth of the way is taken."""
+    under = tent().anchor((0.0, 0.0, -100.0)).tie(EA=500.0, unstressed=1.001)
+    result = under.run(loads(tent=-1.0))
+    assert result.steps[-1].trace[0] == Passage(event="unverified start", share=2.0**-10)
+    assert events(result.steps[-1]).count("unverified start") == 1
+    risen = result.steps[-1].probes["tent"]
+    assert borne(1.0 + risen) - 500.0 * (risen - 0.101) / 101.101 == pytest.approx(-1.0, rel=1e-4)
+    assert pulled(0.5, 5.0).steps[-1].trace[0] == Passage(event="unverified start", share=2.0**-10)
+
+
+def test_where_no_nearer_state_is_found_an_unstrained_start_is_unverified(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was tried in vain on the way to an equilibrium does not decide whether it is one."""
+    solve = Equilibrium.solve
+
+    def impatient(self: Equilibrium, *state: Any, patience: int | None = None, **more: Any) -> SolveRecord:
+        record = solve(self, *state, patience=patience, **more)
+        return record if patience is None else replace(record, converged=False, reason="iteration limit")
+
+    monkeypatch.setattr(Equilibrium, "solve", impatient)
+    under = tent().anchor((0.0, 0.0, -100.0)).tie(EA=500.0, unstressed=1.001)
+    result = under.run(loads(tent=-1.0), solver={"max_cuts": 0})
+    assert result.outcome == "finished"
+    assert events(result.steps[-1]) == ["unverified start"]
 
 
 @pytest.mark.parametrize(("prestress", "event"), [(5e-5, "load control"), (5e-4, "unverified start")])
@@ -326,6 +361,19 @@ def test_sheets_bulge_where_they_are_pushed_from_a_start_that_is_no_equilibrium(
     assert events(result.steps[-1])[-1] == "unverified start"
     assert result.steps[-1].negative_pivots == 0
     assert abs(result.steps[-1].probes["sheet"]) == pytest.approx(bulge(1.0, 4.0), rel=1e-4)
+
+
+def test_an_unstable_equilibrium_is_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By symmetry a sheet stays flat where that is unstable, if nothing disturbs it: then its bulging is its largest load."""
+    monkeypatch.setattr(Newton, "disturb", lambda _: None)
+    monkeypatch.setattr(Newton, "_push", lambda *_: None)
+    result = Parts().sheet("sheet", 1.0).run(loads(sheet=-0.5), loads(sheet=1.5))
+    assert result.outcome == "collapse"
+    assert [step.negative_pivots for step in result.steps] == [0, 0]
+    assert result.steps[-1].limit is not None
+    lower, upper = result.steps[-1].limit["load.sheet"]
+    assert lower == pytest.approx(1.0, rel=5e-3)
+    assert lower < upper
 
 
 # ---- snaps
@@ -493,6 +541,96 @@ def test_no_start_of_a_path_is_no_equilibrium(monkeypatch: pytest.MonkeyPatch) -
         last = result.steps[-1]
         assert (result.outcome, last.converged) == ("not converged", False)
         assert "beyond a jump" in last.reason
+        assert events(last) == ["path"]  # relaxation would find what load control has found
         at = {"tent": 0.0} if len(stages) == 1 else stages[0]["loads"]
         assert last.loads == at
         assert 1.0 + last.probes["tent"] == pytest.approx(height_at(at["tent"]), rel=1e-4)
+
+
+@pytest.mark.usefixtures("clumsy")
+def test_newton_alone_calls_no_relaxation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where Newton does not get on from a start that is no equilibrium, the hybrid goes on with relaxation, and only that."""
+    monkeypatch.setattr(equilibrium, "_NEWTON_LIMIT", 1)
+    under = tent(limit=5.0).anchor((0.0, 0.0, -100.0)).tie(EA=10.0, prestress=0.5)
+    assert under.run(loads(tent=1.0)).outcome == "finished"
+    alone = under.run(loads(tent=1.0), solver={"kind": "newton"})
+    assert alone.outcome == "not converged"
+    assert alone.steps[-1].iterations < 10
+
+
+# ---- work that leads nowhere
+
+
+def test_landing_on_a_corner_is_given_up() -> None:
+    """Against a cable as good as rigid no chord comes near the aim; the path is left for load control, which is."""
+    over = tent().anchor((0.0, 0.0, 101.0)).tie(EA=1e5, unstressed=1.0038)
+    result = over.run(loads(tent=softened_to(0.05)))
+    assert result.outcome == "finished"
+    assert result.steps[-1].iterations < 500  # a landing at least takes one, and eighty of them would
+
+
+def test_a_point_that_does_not_converge_is_looked_for_nearer() -> None:
+    """Beside a big tent the path of a small one that snaps is narrow, and most first steps overshoot."""
+    result = Parts().tent("big", 5.0, 1.0).tent("small", 0.5, 0.004, at=(30.0, 0.0, 0.0)).run(loads(big=1.0, small=1.0))
+    assert result.outcome == "collapse"
+    assert result.steps[-1].iterations < 250
+
+
+# ---- the load displacement
+
+
+def ways(before: LoadState, after: LoadState, **scene: Any) -> Way:
+    """The way between two load states of a short tube, whose one end slides in a slanted plane."""
+    whole = {
+        "name": "tube",
+        "units": {"length": "mm", "force": "N"},
+        "mesh": {"shape": "tube", "radius": 10.0, "length": 20.0, "around": 6, "along": 2},
+        "fabric": {"E": 100.0, "nu": 0.0, "thickness": 1.0},
+        "supports": [{"group": "start", "hold": "xyz"}, {"group": "end", "normal": [0.6, 0.8, 0.0]}],
+        "stages": [{"name": "stage", "pressure": 0.3}],
+    }
+    taken = Scene.model_validate(whole | scene)
+    model = build_model(taken, build_mesh(taken, None))
+    model.structure.prepare(matrix=True)
+    found = Equilibrium(model)
+    assert found.newton is not None
+    return Way(found.newton, before, after, found.apply if taken.motions else found.press)
+
+
+def test_a_pressure_works_on_the_volume() -> None:
+    """From any shape to any other its load displacement is its change times the volume swept: exactly, as volume is cubic."""
+    way = ways(LoadState({"pressure.inside": 0.1}), LoadState({"pressure.inside": 0.3}))
+    membrane, random = way.membrane, np.random.default_rng(1)
+    rests = []
+    for share in (0.0, 1.0):
+        moved = membrane.in_frames(random.normal(size=(membrane.node_count, 3)))
+        moved[membrane.structure.node_held] = 0.0
+        position = membrane.retract(np.zeros_like(moved), moved)
+        membrane.set_displacement(position)
+        rests.append(Rest(share=share, position=position, force=way.force(share), stiffness=1.0, negative=0))
+    first, last = rests
+    swept = [float(membrane.swept_volumes(one.position).sum()) for one in rests]
+    assert way._load_displacement(first, last) == pytest.approx(0.2 * (swept[1] - swept[0]), rel=1e-9)
+    np.testing.assert_array_equal(membrane.displacement(), last.position)
+    assert membrane.pressures() == pytest.approx(0.3)
+
+
+def test_a_turning_motion_acts_by_where_it_is() -> None:
+    """Half a turn on the way of a whole one the end moves the other way; what it moves is left where it was."""
+    motions = {"turn": {"kind": "rotation", "group": "end", "axis": [0, 0, 1], "through": [0, 0, 0]}}
+    supports = [{"group": "start", "hold": "xyz"}]
+    ends = [LoadState({"pressure.inside": 0.0, "motion.turn": angle}) for angle in (0.0, 360.0)]
+    way = ways(*ends, motions=motions, supports=supports)
+    way.press(0.25)
+    before = way.membrane.displacement()
+    force = way.force(0.25)
+    np.testing.assert_array_equal(way.membrane.displacement(), before)
+
+    def free(share: float) -> Floats:
+        way.press(share)
+        return way.newton.free_force()
+
+    step = 1e-4
+    slow = (free(0.25 + step) - free(0.25 - step)) / (2.0 * step)
+    assert np.linalg.norm(force - slow) < 1e-3 * np.linalg.norm(slow)
+    assert np.linalg.norm(slow) > 0.0
