@@ -298,7 +298,7 @@ def test_a_start_off_balance_by_more_than_rounding_is_no_equilibrium(prestress: 
 # ---- bifurcations
 
 
-def softened(prestress: Sequence[float], end: float) -> RunResult:
+def softened(prestress: Sequence[float], end: float, **stage: Any) -> RunResult:
     """Sheets beside a tent just below its limit of 1 N, so that the path is followed; both loads rise by the same to ``end``."""
     parts, mid = Parts().tent("tent", 1.0, 1.0, at=(0.0, 50.0, 0.0)), softened_to(0.05)
     for k, one in enumerate(prestress):
@@ -307,7 +307,7 @@ def softened(prestress: Sequence[float], end: float) -> RunResult:
     def to(load: float) -> dict[str, Any]:
         return loads(tent=load, **{f"sheet{k}": load - 1e-3 for k in range(len(prestress))})
 
-    return parts.run(to(1e-3), to(mid), to(end))
+    return parts.run(to(1e-3), to(mid), to(end) | stage)
 
 
 def bulge(prestress: float, load: float) -> float:
@@ -634,3 +634,91 @@ def test_a_turning_motion_acts_by_where_it_is() -> None:
     slow = (free(0.25 + step) - free(0.25 - step)) / (2.0 * step)
     assert np.linalg.norm(force - slow) < 1e-3 * np.linalg.norm(slow)
     assert np.linalg.norm(slow) > 0.0
+
+
+# ---- paths that go astray
+
+
+@pytest.fixture
+def careless(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The path is followed to its aim through whatever is unstable on the way."""
+
+    def follow(path: Path, start: PathPoint, target: float, **more: Any) -> PathEnd:
+        point, length = start, start.length_for(0.25)
+        while point.factor < target:
+            found, length = path.step(point, length)
+            assert found is not None
+            point = found
+        return PathEnd(reason="target", last=start, beyond=point, upper=None, iterations=0)
+
+    monkeypatch.setattr(load_step, "follow", follow)
+
+
+@pytest.mark.usefixtures("careless")
+def test_a_path_that_ends_beyond_a_jump_does_not_land_there() -> None:
+    """Down through both limits and up again to the load: stable there, but no stable path leads to it."""
+    result = tent().run(loads(tent=1.2))
+    assert result.outcome == "not converged"
+    reached = result.steps[-1].loads["tent"]
+    assert 0.9 < reached < 1.0
+    assert 1.0 + result.steps[-1].probes["tent"] == pytest.approx(height_at(reached), rel=1e-4)
+
+
+@pytest.mark.usefixtures("careless")
+def test_a_path_that_ends_unstable_does_not_land_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A flat sheet that nothing disturbs is in balance at any load, on one smooth path, and unstable from its bulging on."""
+    monkeypatch.setattr(Newton, "disturb", lambda _: None)
+    monkeypatch.setattr(Newton, "_push", lambda *_: None)
+    result = Parts().sheet("sheet", 1.0).run(loads(sheet=-0.5), loads(sheet=1.5))
+    assert result.outcome == "not converged"
+    assert result.steps[-1].loads["sheet"] < 1.0
+
+
+@pytest.mark.usefixtures("clumsy", "lost")
+def test_relaxation_that_ends_unstable_is_refused() -> None:
+    """By symmetry it keeps a sheet flat, which no stiffness tells from a stable path."""
+    result = Parts().sheet("sheet", 1.0).run(loads(sheet=0.5), loads(sheet=1.5), solver={"max_cuts": 0})
+    assert result.outcome == "not converged"
+    assert events(result.steps[-1]) == ["path", "lost", "refused"]
+    assert result.steps[-1].loads == {"sheet": 0.5}
+
+
+@pytest.mark.usefixtures("lost")
+def test_newton_alone_does_not_end_in_relaxation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither Newton nor the path gets on, and the scene has asked for nothing else."""
+    monkeypatch.setattr(equilibrium, "_NEWTON_LIMIT", 1)
+    result = tent().run(loads(tent=0.5), solver={"kind": "newton", "max_cuts": 0})
+    assert events(result.steps[-1]) == ["path", "lost"]
+
+
+def test_a_limit_after_branches_is_snapped_through() -> None:
+    """How many branches were taken before has nothing to do with it."""
+    result = softened((0.998, 0.999, 0.9995), 1.003, snaps="pass")
+    assert result.outcome == "finished"
+    assert events(result.steps[-1]).count("branch") == 3
+    assert "snap" in events(result.steps[-1])
+    assert 1.0 + result.steps[-1].probes["tent"] == pytest.approx(height_at(1.003, beyond=True), rel=1e-4)
+
+
+def test_a_load_that_moves_nothing_foretells_nothing() -> None:
+    """On a held rim it does no work, and has no stiffness to compare."""
+    parts = tent()
+    parts.scene["loads"]["rim"] = {"group": "held", "direction": [0.0, 0.0, -1.0]}
+    assert events(parts.run(loads(rim=1.0)).steps[-1]) == ["unverified start"]
+
+
+class Count(Silent):
+    """Iterations as they are told: Newton's one by one, those of a path's points, which take no time of their own, together."""
+
+    def __init__(self) -> None:
+        self.iterations = 0
+
+    def progress(self, stage: str, step: int, steps: int, iterations: int, residual: float, seconds: float) -> None:
+        """Count."""
+        self.iterations += iterations if seconds == 0.0 else min(iterations, 1)
+
+
+def test_each_iteration_counts_once() -> None:
+    """Also where the path's last point before a limit becomes the result."""
+    count = Count()
+    assert tent().run(loads(tent=1.2), observer=count).steps[-1].iterations == count.iterations
