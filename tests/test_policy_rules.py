@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytest
+from test_policy import beam
 
 from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
@@ -26,6 +27,7 @@ from taichi_membrane.simulation.model import build_mesh, build_model
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import RunResult, StepResult
 from taichi_membrane.simulation.way import Rest, Way
+from taichi_membrane.solvers import path as path_module
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import Path, PathEnd, PathPoint
 from taichi_membrane.solvers.record import SolveRecord
@@ -722,3 +724,67 @@ def test_each_iteration_counts_once() -> None:
     """Also where the path's last point before a limit becomes the result."""
     count = Count()
     assert tent().run(loads(tent=1.2), observer=count).steps[-1].iterations == count.iterations
+
+
+# ---- ends of a path
+
+
+def test_at_a_limit_the_pressure_is_that_of_the_last_stable_state() -> None:
+    """Its reactions balance the wind that is told, not one that was tried beyond it."""
+    parts = tent()
+    parts.scene["pressures"] = {"wind": {"kind": "fixed"}}
+    parts.scene["probes"]["rim"] = {"kind": "reaction", "group": "held", "component": "z"}
+    area = 0.5 * SIDES * RADIUS**2 * float(np.sin(2.0 * np.pi / SIDES))
+    result = parts.run({"pressure": -1.2 * 3.0 / area})
+    assert result.outcome == "collapse"
+    last = result.steps[-1]
+    assert last.limit is not None
+    assert -3.0 / area == pytest.approx(last.limit["pressure.wind"][0], rel=1e-3)
+    assert abs(last.probes["rim"]) == pytest.approx(abs(last.pressures["wind"]) * area, rel=1e-5)
+
+
+def test_a_load_that_moves_nothing_has_no_path() -> None:
+    """There is no direction to go in, and no number comes of dividing by none."""
+    parts = tent()
+    parts.scene["loads"]["rim"] = {"group": "held", "direction": [0.0, 0.0, -1.0]}
+    with np.errstate(all="raise"):
+        result = parts.run({"loads": {"rim": 1.0}, "control": "arc_length", "steps": 3})
+    assert result.outcome == "not converged"
+    assert "the path is lost" in result.steps[-1].reason
+
+
+def on_curve(at: float, load: float, slope: float, step: float = 0.0) -> PathPoint:
+    """A point of a path of one displacement."""
+    return PathPoint(
+        position=np.array([[at]]), factor=load, tangent=np.array([[1.0 / slope]]), negative=int(slope < 0.0),
+        advance=np.array([[step]]), iterations=0, residual=0.0,
+    )  # fmt: skip
+
+
+def test_a_limit_is_not_told_below_the_largest_load() -> None:
+    """λ = s² (3 - 2 s) first curves upwards and has its maximum, 1, at s = 1: nowhere do bounds from two points cut it off."""
+    bounds = []
+    for first in np.linspace(0.05, 0.95, 91):
+        for last in np.linspace(1.005, 1.2, 40):
+            step = last - first
+            (a, up), (b, down) = ((s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)) for s in (first, last))
+            slack = abs(0.5 * (up + down) * step - (b - a))
+            points = on_curve(first, a, up), on_curve(last, b, down, step)
+            bounds.append(path_module._upper_bound(*points, slack, at_floor=False) or 0.0)
+    assert min(bounds) >= 1.0
+    tangents = on_curve(0.2, 0.104, 0.96), on_curve(1.01, 0.999698, -0.0606, 0.81)
+    assert path_module._upper_bound(*tangents, 0.0, at_floor=False) is None  # they meet below the second point
+
+
+def test_a_fall_to_another_branch_is_a_limit_once_it_is_looked_at_closely() -> None:
+    """λ = s up to 1, where it drops to a branch that rises as well: two points tell a limit between them only at the floor."""
+    before, after = on_curve(0.95, 0.95, 1.0), on_curve(1.05, 0.5, 0.1, 0.1)
+    assert path_module._upper_bound(before, after, 0.0, at_floor=False) is None
+    assert path_module._upper_bound(before, after, 0.0, at_floor=True) == pytest.approx(1.05)
+
+
+def test_a_wrinkling_tube_is_followed_in_growing_steps() -> None:
+    """Where a step took few iterations the next one is longer: otherwise a collapse would cost thousands."""
+    result = run(beam(0.03, 18.0, 1))
+    assert result.outcome == "finished"
+    assert sum(step.iterations for step in result.steps) < 1000

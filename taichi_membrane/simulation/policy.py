@@ -63,7 +63,8 @@ class Policy:
     :param soft: share of the stiffest s met on the same course below which load control is not tried: Newton's steps grow as 1/s,
         and at a tenth the load is within about a percent of a parabola's limit (1 − λ/λ_max = (s/s₀)²).
     :param parts: halvings of a step; what is still curved at 2⁻¹⁰ of it is a kink, which no finer cut makes smooth.
-    :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to.
+    :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to. At ten
+        times and a tenth ten tents and sheets take 606 and 615 iterations for 614, and their limits stay in their brackets.
     :param balance: residual over tolerance up to which a start counts as an equilibrium. Between the two stand the changes that a
         pressure's rounding or a shut valve bring; starts that are none, such as prestress let go, are off by 1e4 and more.
     :param above: share of the step above a point of bifurcation at which a branch is looked for: ten times the width it is
