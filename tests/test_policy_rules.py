@@ -273,6 +273,12 @@ def test_from_an_unstrained_start_with_a_cable_the_first_bit_is_unverified() -> 
     risen = result.steps[-1].probes["tent"]
     assert borne(1.0 + risen) - 500.0 * (risen - 0.101) / 101.101 == pytest.approx(-1.0, rel=1e-4)
     assert pulled(0.5, 5.0).steps[-1].trace[0] == Passage(event="unverified start", share=2.0**-10)
+    down = under.run(loads(tent=1.2)).steps[
+        -1
+    ]  # the cable stays slack, the tent has its limit, and what was found lies beyond
+    assert events(down) == ["unverified start", "path", "limit"]
+    assert down.limit is not None
+    assert down.limit["load.tent"][0] <= 1.0 <= down.limit["load.tent"][1]
 
 
 def test_where_no_nearer_state_is_found_an_unstrained_start_is_unverified(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -751,6 +757,7 @@ def test_a_load_that_moves_nothing_has_no_path() -> None:
         result = parts.run({"loads": {"rim": 1.0}, "control": "arc_length", "steps": 3})
     assert result.outcome == "not converged"
     assert "the path is lost" in result.steps[-1].reason
+    assert on_curve(0.0, 0.0, np.inf).slope() == np.inf  # the load rises, and nothing moves
 
 
 def on_curve(at: float, load: float, slope: float, step: float = 0.0) -> PathPoint:
@@ -788,3 +795,20 @@ def test_a_wrinkling_tube_is_followed_in_growing_steps() -> None:
     result = run(beam(0.03, 18.0, 1))
     assert result.outcome == "finished"
     assert sum(step.iterations for step in result.steps) < 1000
+
+
+def test_a_path_is_told_how_far_its_tangents_and_its_secant_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two points of a tent's path both are known: 1.2 λ = borne(1 - w), where the tip is at -w."""
+    seen: list[tuple[float, float]] = []
+
+    def follow(path: Path, start: PathPoint, target: float, *, compare: Any, **more: Any) -> PathEnd:
+        point, _ = path.step(start, start.length_for(0.5))
+        assert point is not None
+        seen.append((float(-point.position[0, 2]), compare(start, point)[1]))
+        return PathEnd(reason="lost", last=start, beyond=None, upper=None, iterations=0)
+
+    monkeypatch.setattr(load_step, "follow", follow)
+    tent().run(loads(tent=1.2), solver={"max_cuts": 0})
+    ((sink, slack),) = seen
+    tangents = 0.5 * 1.5 * np.sqrt(3.0) * (2.0 + 3.0 * (1.0 - sink) ** 2 - 1.0) / 1.2
+    assert slack == pytest.approx(abs(tangents * sink - borne(1.0 - sink) / 1.2), rel=1e-3)
