@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 # Cosine of the angle between ways of one course: rounding of load values leaves 1e-16, a user's digits less than 1e-9.
 _PARALLEL = 1.0 - 1e-9
-# Largest strain that is none: rounding of a side's length leaves 1e-15.
+# Largest strain that is none: rounding of a side's length leaves 1e-15, and a mesh that has not moved has exactly none, so that
+# no verdict hangs on the size between these and the strains of a load, 1e-3 in an inflated tube.
 _UNSTRAINED = 1e-13
 
 

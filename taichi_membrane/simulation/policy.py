@@ -63,7 +63,8 @@ class Policy:
     :param soft: share of the stiffest s met on the same course below which load control is not tried: Newton's steps grow as 1/s,
         and at a tenth the load is within about a percent of a parabola's limit (1 − λ/λ_max = (s/s₀)²).
     :param parts: halvings of a step; what is still curved at 2⁻¹⁰ of it is a kink, which no finer cut makes smooth.
-    :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to.
+    :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to. At ten
+        times and a tenth ten tents and sheets take 606 and 615 iterations for 614, and their limits stay in their brackets.
     :param softening: a step of the path after which s has fallen below this share is looked for nearer. A jump that e does not show
         is a ninth of the step at most; so steps have to shrink as a limit comes near, where s goes to zero with the distance to it:
         halved again and again, five points reach its last thousandth ((½)¹⁰). Uncut, one of twelve runs of a bent tube jumped over
