@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 # Cosine of the angle between ways of one course: rounding of load values leaves 1e-16, a user's digits less than 1e-9.
 _PARALLEL = 1.0 - 1e-9
+# A branch is looked for so many times nearer when there is none yet.
+_NEARER = 4.0
 # Largest strain that is none: rounding of a side's length leaves 1e-15, and a mesh that has not moved has exactly none, so that
 # no verdict hangs on the size between these and the strains of a load, 1e-3 in an inflated tube.
 _UNSTRAINED = 1e-13
@@ -245,6 +247,9 @@ class LoadStep:
             self._pass("lost", end.last.factor)
             return None
         self._pass("limit" if end.reason == "limit" else "bifurcation", end.last.factor)
+        if sum(one.event == "branch" for one in self.trace) >= self.policy.branches:
+            self._pass("lost", end.last.factor)
+            return None
         return self._beyond(end) or self._collapsed(end)
 
     def _land(self, path: Path, end: PathEnd) -> Rest | None:
@@ -269,28 +274,37 @@ class LoadStep:
 
     def _beyond(self, end: PathEnd) -> Rest | None:
         """A stable state just above where the path ends: on a branch that goes on smoothly, or, where asked, beyond a snap."""
-        if end.reason == "limit" and not self.snaps:
+        if end.reason == "bifurcation" and (branch := self._branch(end)) is not None:
+            self._pass("branch", branch.share)
+            return branch
+        if not self.snaps:
             return None
-        assert end.beyond is not None
         assert end.upper is not None
-        share = min(1.0, end.upper + self.policy.above)
-        bifurcates = end.reason == "bifurcation"
-        self.membrane.set_displacement((end.beyond if bifurcates else end.last).position)
-        if bifurcates:
-            self.newton.disturb()
-        found = self._solve(share)
+        self.membrane.set_displacement(end.last.position)
+        found = self._solve(min(1.0, end.upper + self.policy.above * self.way.load(end.upper)))
         if found is None or not found.stable:
             return None
-        jumps = self._compare(self.way.of_point(end.last), found) == "jump"
-        if jumps and not self.snaps:
-            return None
-        if not jumps and self._branchings() >= self.policy.branches:
-            return None
-        self._pass("snap" if jumps else "branch", share)
+        self._pass("snap", found.share)
         return found
 
-    def _branchings(self) -> int:
-        return sum(one.event == "branch" for one in self.trace)
+    def _branch(self, end: PathEnd) -> Rest | None:
+        """A stable state that a smooth path leads to from a bifurcation: above it, looked for nearer and nearer.
+
+        At most at the aim, which is reached from above where that is too near to tell the branch from what it leaves.
+        """
+        assert end.beyond is not None
+        assert end.upper is not None
+        last, height = self.way.of_point(end.last), self.policy.above * self.way.load(end.upper)
+        for _ in range(self.policy.approaches):
+            self.membrane.set_displacement(end.beyond.position)
+            self.newton.disturb()
+            found = self._solve(end.upper + height)
+            if found is not None and found.stable and found.share > 1.0:
+                found = self._solve(1.0)
+            if found is not None and found.stable and self._compare(last, found) != "jump":
+                return found
+            height /= _NEARER
+        return None
 
     # ---- relaxation
 
@@ -321,13 +335,14 @@ class LoadStep:
 
     def _collapsed(self, end: PathEnd) -> Reached:
         """At the last stable point below a limit."""
+        assert end.lower is not None
         assert end.upper is not None
         self.membrane.set_displacement(end.last.position)
         self.way.press(end.last.factor)
         return Reached(
             joined(*self.records, walked(end, again=True)),
             end.last.factor,
-            (end.last.factor, end.upper),
+            (end.lower, end.upper),
             trace=tuple(self.trace),
         )
 

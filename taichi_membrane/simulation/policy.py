@@ -71,9 +71,11 @@ class Policy:
         the first ring that wrinkles: its limit came out 1.6·10⁻³ too high.
     :param balance: residual over tolerance up to which a start counts as an equilibrium. Between the two stand the changes that a
         pressure's rounding or a shut valve bring; starts that are none, such as prestress let go, are off by 1e4 and more.
-    :param above: share of the step above a point of bifurcation at which a branch is looked for: ten times the width it is
-        bracketed to, so that the branch has left the bracket.
-    :param branches: paths followed after one another, each branching off the one before.
+    :param above: share of the load above a point of bifurcation at which a branch is looked for first: ten times the width it is
+        bracketed to.
+    :param approaches: times that it is looked for, each four times nearer than the one before, as it may have a limit of its own.
+    :param branches: paths followed after one another, each branching off the one before; with more the path is lost. A matter of
+        cost: each branches off at a higher load.
     :param landings: attempts to land on the aim from the path's points below and above it; each shortens the way by what it missed.
     """
 
@@ -84,7 +86,8 @@ class Policy:
     softening: float = 0.5
     balance: float = 1e2
     above: float = 1e-2
-    branches: int = 3
+    approaches: int = 4
+    branches: int = 32
     landings: int = 8
 
 

@@ -81,6 +81,11 @@ class Way:
         """The load state at a share of the way."""
         return self.before.toward(self.after, share)
 
+    def load(self, share: float) -> float:
+        """Size of the load at a share, along the way's direction, in shares: 1 at the end of a way that begins unloaded."""
+        change, start = self.before.change(self.after), LoadState(dict.fromkeys(self.before.values, 0.0))
+        return abs(float(start.change(self.before) @ change) / (float(change @ change) or 1.0) + share)
+
     def press(self, share: float) -> None:
         """Set the load state at a share of the way."""
         self._press(self.at(share))

@@ -208,7 +208,7 @@ class Path:
         return stiffness.solve(self.force(factor))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PathEnd:
     """How following a path towards a load factor ended.
 
@@ -216,15 +216,16 @@ class PathEnd:
         while the load still rises); ``lost`` (no further equilibrium was found).
     :param last: the last stable point below the target.
     :param beyond: the point after it: above the target, or past the limit; None where lost.
-    :param upper: an upper bound of the largest stable load factor, where the path is concave between the two; None where there is
-        no limit.
+    :param lower: with ``upper``, bounds of the largest stable load factor, to what residuals leave open; None where there is no
+        limit. The upper one rests on the path being concave between the two points.
     """
 
     reason: str
     last: PathPoint
     beyond: PathPoint | None
-    upper: float | None
     iterations: int
+    lower: float | None = None
+    upper: float | None = None
 
 
 class Seen(NamedTuple):
@@ -257,7 +258,7 @@ def follow(
     A limit is bracketed to :data:`_BRACKET` of the factor's way from 0 to the target, by two pairs of points: the bound that one
     gives has to hold for the nearer one, as a path that turns sharply, such as a column's, need not be concave.
     """
-    last, spent, bound = start, 0, -np.inf
+    last, spent, bound, highest = start, 0, -np.inf, start.factor
     length = min(start.length_for(_FIRST_STEP * (target - start.factor)), longest)
     least = shortest * length
     for _ in range(_MOST_STEPS):
@@ -271,9 +272,10 @@ def follow(
         if not (smooth and point.foretold >= _STRAIGHT * moved) and moved > least:
             length = 0.5 * point.foretold
             continue
-        if point.negative == 0 and point.factor > last.factor - noise:
+        if point.negative == 0 and point.factor > highest - noise:
+            highest = max(highest, point.factor)
             if point.factor >= target:
-                return PathEnd(reason="target", last=last, beyond=point, upper=None, iterations=spent)
+                return PathEnd("target", last, point, iterations=spent)
             last, length = point, longer
             continue
         upper = _upper_bound(last, point, slack, at_floor=moved <= least)
@@ -281,13 +283,14 @@ def follow(
         if upper is not None and narrow and upper <= bound + noise:
             falling = point.slope() < 0.0 or point.factor < last.factor
             reason = "limit" if falling else "bifurcation"
-            return PathEnd(reason=reason, last=last, beyond=point, upper=upper, iterations=spent)
+            top = max(upper, highest) + noise
+            return PathEnd(reason, last, point, iterations=spent, lower=last.factor - noise, upper=top)
         if moved <= _VANISHING * least:
             break
         if upper is not None and narrow:
             bound = upper
         length = _REFINE * point.foretold
-    return PathEnd(reason="lost", last=last, beyond=None, upper=None, iterations=spent)
+    return PathEnd("lost", last, None, iterations=spent)
 
 
 def _upper_bound(before: PathPoint, after: PathPoint, slack: float, *, at_floor: bool) -> float | None:
