@@ -335,14 +335,13 @@ class LoadStep:
 
     def _collapsed(self, end: PathEnd) -> Reached:
         """At the last stable point below a limit."""
-        assert end.lower is not None
         assert end.upper is not None
         self.membrane.set_displacement(end.last.position)
         self.way.press(end.last.factor)
         return Reached(
             joined(*self.records, walked(end, again=True)),
             end.last.factor,
-            (end.lower, end.upper),
+            (end.last.factor, end.upper),
             trace=tuple(self.trace),
         )
 

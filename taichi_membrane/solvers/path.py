@@ -216,15 +216,14 @@ class PathEnd:
         while the load still rises); ``lost`` (no further equilibrium was found).
     :param last: the last stable point below the target.
     :param beyond: the point after it: above the target, or past the limit; None where lost.
-    :param lower: with ``upper``, bounds of the largest stable load factor, to what residuals leave open; None where there is no
-        limit. The upper one rests on the path being concave between the two points.
+    :param upper: an upper bound of the largest stable load factor, to what residuals leave open, if the path is concave between
+        the two; None where there is no limit.
     """
 
     reason: str
     last: PathPoint
     beyond: PathPoint | None
     iterations: int
-    lower: float | None = None
     upper: float | None = None
 
 
@@ -284,7 +283,7 @@ def follow(
             falling = point.slope() < 0.0 or point.factor < last.factor
             reason = "limit" if falling else "bifurcation"
             top = max(upper, highest) + noise
-            return PathEnd(reason, last, point, iterations=spent, lower=last.factor - noise, upper=top)
+            return PathEnd(reason, last, point, iterations=spent, upper=top)
         if moved <= _VANISHING * least:
             break
         if upper is not None and narrow:
