@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 _PARALLEL = 1.0 - 1e-9
 # A branch is looked for so many times nearer when there is none yet.
 _NEARER = 4.0
-# Largest strain that is none: rounding of a side's length leaves 1e-15, and a mesh that has not moved has exactly none, so that
-# no verdict hangs on the size between these and the strains of a load, 1e-3 in an inflated tube.
-_UNSTRAINED = 1e-13
+# Largest stress over the modulus that is none: rounding of a side's length leaves 1e-15, and a mesh that has not moved has exactly
+# none, so that no verdict hangs on the size between these and the strains of a load, 1e-3 in an inflated tube.
+_NO_STRESS = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +135,8 @@ class LoadStep:
             aim = aims[-1]
             soft = not self.way.moves and self._softened(a)
             b, kind = (None, "soft") if soft else self._attempt(a, aim, known.pop(aim, None))
+            if b is None and kind == "failed" and a.share == 0.0 and not self.way.moves and self._at_apex(a):
+                return self._direct()  # no path begins there
             if b is not None and kind in ("curved", "jump") and a.share == 0.0 and self._at_apex(a):
                 first = self._off_apex(a)
                 if first is None:  # the start's stiffness is no measure of the way from it, and no nearer one is found
@@ -175,15 +177,16 @@ class LoadStep:
         return b, kind
 
     def _at_apex(self, a: Rest) -> bool:
-        """Whether nothing is strained and compression is not borne: there stiffness depends on the direction of the least move."""
+        """Whether nothing carries and compression is not borne: there stiffness depends on the direction of the least move."""
         structure = self.membrane.structure
         if all(fabric.law == "none" for fabric in structure.fabrics) and structure.cables is None:
             return False
         self.membrane.set_displacement(a.position)
-        return float(np.abs(self.membrane.element_state().strain).max(initial=0.0)) <= _UNSTRAINED
+        stiffest = max(max(fabric.e_warp, fabric.e_weft) for fabric in structure.fabrics)
+        return float(np.abs(self.membrane.element_state().stress).max(initial=0.0)) <= _NO_STRESS * stiffest
 
     def _off_apex(self, a: Rest) -> Rest | None:
-        """A stable equilibrium just off an unstrained state, to compare with in its stead; None where there is none to be had.
+        """A stable equilibrium just off a start that carries nothing, to compare with in its stead; None where none is found.
 
         It may cost as many iterations as the whole way has taken.
         """

@@ -197,3 +197,12 @@ def test_a_tent_up_to_its_exact_limit_and_beyond(bench: Bench) -> None:
     assert [one.verdict for one in judge(case, found)] == [CONVERGED, CONVERGED, HONEST, CONVERGED]
     (bracket,) = found[2].brackets
     assert bracket.lower < bracket.known == 1.0 < bracket.upper < 1.001
+
+
+@pytest.mark.parametrize("solver", ["newton", "hybrid"])
+def test_a_crumpled_start_foretells_nothing(bench: Bench, solver: str) -> None:
+    """A dome blown up from folds that carry nothing: no tangent tells where it goes, and no path begins there."""
+    case = catalogue.CASES["inverted"]()
+    levels = (0.0, 0.25, 0.5, 0.75)
+    judged = judge(case, [bench.run(case, level, solver) for level in levels])
+    assert [(one.entry.level, one.why) for one in judged if one.verdict != CONVERGED] == []
