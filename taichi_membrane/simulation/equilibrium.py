@@ -242,14 +242,7 @@ class Equilibrium:
     def way(self, before: LoadState, after: LoadState) -> Way:
         """The straight way between two load states; there has to be a Newton solver."""
         assert self.newton is not None
-        moves = before.motions != after.motions
-        return Way(
-            self.newton,
-            before,
-            after,
-            self.apply if moves else self.press,
-            lambda state: self.tolerance * force_now(self.reference(state)),
-        )
+        return Way(self.newton, before, after, self.apply if before.motions != after.motions else self.press)
 
     def path(self, way: Way) -> Path:
         """The equilibrium path in the share of a way, by arc length."""

@@ -29,6 +29,7 @@ class Rest:
     :param force: (node_count, 3) change of the free forces per share at fixed free displacements, in the supports' axes.
     :param stiffness: current stiffness dλ/dP; None where the tangent is singular.
     :param negative: negative eigenvalues of the tangent; None where it is singular.
+    :param noise: the share that it is known to: with residuals r left, s f·K⁻¹r to first order.
     """
 
     share: float
@@ -36,6 +37,7 @@ class Rest:
     force: Floats
     stiffness: float | None
     negative: int | None
+    noise: float = 0.0
 
     @property
     def stable(self) -> bool:
@@ -62,19 +64,11 @@ class Way:
     """The straight way from one load state to another.
 
     :param press: sets pressures and loads of a load state, and prescribed displacements where they move.
-    :param allowed: the 2-norm of out-of-balance forces that an equilibrium at a load state may have.
     """
 
-    def __init__(
-        self,
-        newton: Newton,
-        before: LoadState,
-        after: LoadState,
-        press: Callable[[LoadState], None],
-        allowed: Callable[[LoadState], float],
-    ) -> None:
+    def __init__(self, newton: Newton, before: LoadState, after: LoadState, press: Callable[[LoadState], None]) -> None:
         self.newton, self.membrane = newton, newton.membrane
-        self.before, self.after, self._press, self._allowed = before, after, press, allowed
+        self.before, self.after, self._press = before, after, press
         self.moves = before.motions != after.motions
 
     def at(self, share: float) -> LoadState:
@@ -104,13 +98,6 @@ class Way:
             self.press(share)
         return np.asarray(change)
 
-    def noise(self, share: float, force: Floats) -> float:
-        """The share that an equilibrium is not known better than: residuals r displace it by K⁻¹r, as r/f of the way would.
-
-        :param force: its :meth:`force`.
-        """
-        return self._allowed(self.at(share)) / (float(np.linalg.norm(force)) or np.inf)
-
     def rest(self, share: float) -> Rest:
         """The present equilibrium at a share of the way; its factorised tangent is kept for the next step."""
         self.press(share)
@@ -119,27 +106,19 @@ class Way:
         force = self.force(share)
         if factor is None:
             return Rest(share=share, position=position, force=force, stiffness=None, negative=None)
-        compliance = float(np.vdot(force, factor.solve(force)))
-        return Rest(
-            share=share,
-            position=position,
-            force=force,
-            stiffness=1.0 / compliance if compliance != 0.0 and np.isfinite(compliance) else None,
-            negative=factor.negative,
-        )
+        return self._rest(share, position, force, factor.solve(force), factor.negative)
 
     def of_point(self, point: PathPoint) -> Rest:
         """A point of the path along this way."""
         self.membrane.set_displacement(point.position)
-        force = self.force(point.factor)
-        compliance = float(np.vdot(force, point.tangent))
-        return Rest(
-            share=point.factor,
-            position=point.position,
-            force=force,
-            stiffness=1.0 / compliance if compliance != 0.0 else None,
-            negative=point.negative,
-        )
+        return self._rest(point.factor, point.position, self.force(point.factor), point.tangent, point.negative)
+
+    def _rest(self, share: float, position: Floats, force: Floats, tangent: Floats, negative: int) -> Rest:
+        """The equilibrium that the membrane is in, of a tangent K⁻¹f."""
+        compliance = float(np.vdot(force, tangent))
+        stiffness = 1.0 / compliance if compliance != 0.0 and np.isfinite(compliance) else None
+        noise = 0.0 if stiffness is None else abs(stiffness * float(np.vdot(self.newton.free_force(), tangent)))
+        return Rest(share=share, position=position, force=force, stiffness=stiffness, negative=negative, noise=noise)
 
     def compare(self, a: Rest, b: Rest, resolution: float) -> Comparison:
         """Whether a smooth path leads from one equilibrium to another, by :mod:`taichi_membrane.simulation.policy`'s e."""
@@ -151,7 +130,7 @@ class Way:
             return Comparison("consistent" if change == 0.0 else "curved")
         secant = change / work
         deviation = 0.5 * (a.stiffness + b.stiffness) - secant
-        noise = self.noise(a.share, a.force) + self.noise(b.share, b.force)
+        noise = a.noise + b.noise
         slack = abs(deviation * work)
         if slack <= resolution * largest * abs(work) + noise:
             return Comparison("consistent", slack, noise)

@@ -28,7 +28,7 @@ _LONGER, _SHORTER = 1.5, 0.7
 _HALVINGS, _RUNAWAY = 12, 1e3
 # Towards a target: the first step as a share of the way, most steps, how closely a limit is bracketed, the step after passing one.
 # First step tenfold: 404 and 649 iterations, a tenth: 424 and 491. Most steps tenfold change nothing, with ten paths are lost.
-_FIRST_STEP, _MOST_STEPS, _BRACKET, _REFINE = 0.25, 100, 1e-3, 0.3
+_FIRST_STEP, _MOST_STEPS, _BRACKET, _REFINE = 0.25, 300, 1e-3, 0.3
 # A point that lies more across the step than along it (45°) may be of another branch, and is looked for nearer.
 _STRAIGHT = 0.7
 # Steps that have shrunk so far below the shortest are round-off: the path is lost. It ends what leads nowhere, at whatever size:
