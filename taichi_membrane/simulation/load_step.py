@@ -377,8 +377,8 @@ class LoadStep:
         first, second = self.way.of_point(a), self.way.of_point(b)
         found = self.way.compare(first, second, self.policy.resolution)
         rise = b.factor - a.factor
-        softens = b.negative == 0 and rise > found.noise
-        near = not softens or abs(second.stiffness or 0.0) >= self.policy.softening * abs(first.stiffness or 0.0)
+        rises = b.negative == 0 and rise > self.policy.shortest
+        near = not rises or abs(second.stiffness or 0.0) >= self.policy.softening * abs(first.stiffness or 0.0)
         return Seen(found.kind == "consistent" and near, found.slack, found.noise)
 
     def _progress(self, point: PathPoint) -> None:
