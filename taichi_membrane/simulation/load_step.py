@@ -374,12 +374,8 @@ class LoadStep:
 
     def _seen(self, a: PathPoint, b: PathPoint) -> Seen:
         """What is seen of the piece of the path between two points."""
-        first, second = self.way.of_point(a), self.way.of_point(b)
-        found = self.way.compare(first, second, self.policy.resolution)
-        rise = b.factor - a.factor
-        rises = b.negative == 0 and rise > self.policy.shortest
-        near = not rises or abs(second.stiffness or 0.0) >= self.policy.softening * abs(first.stiffness or 0.0)
-        return Seen(found.kind == "consistent" and near, found.slack, found.noise)
+        found = self.way.compare(self.way.of_point(a), self.way.of_point(b), self.policy.resolution)
+        return Seen(found.kind == "consistent", found.slack, found.noise)
 
     def _progress(self, point: PathPoint) -> None:
         if self.report is not None:

@@ -65,11 +65,6 @@ class Policy:
     :param parts: halvings of a step; what is still curved at 2⁻¹⁰ of it is a kink, which no finer cut makes smooth.
     :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to. At ten
         times and a tenth ten tents and sheets take 606 and 615 iterations for 614, and their limits stay in their brackets.
-    :param softening: a step of the path after which s has fallen below this share is looked for nearer, unless it rises by less
-        than ``shortest`` of the way. A jump that e does not show is a ninth of the step at most; so steps have to shrink as a limit
-        comes near, where s goes to zero with the distance to it: halved again and again, five points reach its last thousandth
-        ((½)¹⁰). Uncut, one of twelve runs of a bent tube jumped over the first ring that wrinkles: its limit came out 1.6·10⁻³ too
-        high.
     :param balance: residual over tolerance up to which a start counts as an equilibrium. Between the two stand the changes that a
         pressure's rounding or a shut valve bring; starts that are none, such as prestress let go, are off by 1e4 and more.
     :param above: share of the load above a point of bifurcation at which a branch is looked for first: ten times the width it is
@@ -84,7 +79,6 @@ class Policy:
     soft: float = 0.1
     parts: int = 10
     shortest: float = 1e-3
-    softening: float = 0.5
     balance: float = 1e2
     above: float = 1e-2
     approaches: int = 4
