@@ -137,8 +137,9 @@ def test_newton_and_relaxation_find_the_same_state() -> None:
     assert tips[2] == tips[0]
 
 
-def test_an_unstable_equilibrium_is_left() -> None:
-    """A strut of membrane pushed exactly along its axis stays straight by symmetry; Newton must find the lower, buckled state.
+@pytest.mark.parametrize("kind", ["newton", "hybrid"])
+def test_an_unstable_equilibrium_is_left(kind: str) -> None:
+    """A strut of membrane pushed exactly along its axis stays straight by symmetry; the lower, buckled state has to be found.
 
     A flat strip compressed along its length by its held ends: without wrinkling (law "none") the flat state is an
     equilibrium, but not a stable one.
@@ -153,7 +154,7 @@ def test_an_unstable_equilibrium_is_left() -> None:
         "stages": [{"name": "push", "motions": {"push": 0.5}}],
         "probes": {"reaction": {"kind": "reaction", "group": "x_max", "component": "x"}},
     }
-    result = run(Scene.model_validate(scene | {"solver": {"kind": "newton"}}))
+    result = run(Scene.model_validate(scene | {"solver": {"kind": kind}}))
     assert result.converged
     flat_energy = 0.5 * 1000.0 * 0.05**2 * 10.0 * 10.0 * 0.1  # ½ E ε² volume, small strain
     assert result.steps[-1].energy is not None

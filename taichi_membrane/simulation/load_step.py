@@ -199,23 +199,26 @@ class LoadStep:
 
     def _solve(self, share: float, *, relax: bool = False, patience: int | None = None) -> Rest | None:
         """Equilibrium at a share of the way by load control, off unstable ones where there are stable ones beside."""
-        start = self.membrane.displacement()
-        state = self.way.at(share)
+        self._settle(share, relax=relax, patience=patience)
+        if not self.records[-1].converged:
+            return None
+        found = self.way.rest(share)
+        return self._off(share, relax=relax) if found.negative else found
+
+    def _settle(self, share: float, *, relax: bool, patience: int | None = None) -> None:
+        """Solve from the present state; by relaxation and Newton in turns where Newton alone fails and that is asked for."""
+        start, state = self.membrane.displacement(), self.way.at(share)
         self.records.append(self.equilibrium.solve(state, self.report, patience=patience))
         if not self.records[-1].converged and relax and self.equilibrium.kind == "hybrid":
             self.membrane.set_displacement(start)
             self.records.append(self.equilibrium.solve(state, self.report, relax=True))
-        if not self.records[-1].converged:
-            return None
-        found = self.way.rest(share)
-        return self._off(share) if found.negative else found
 
-    def _off(self, share: float) -> Rest | None:
+    def _off(self, share: float, *, relax: bool) -> Rest | None:
         """Where an unstable equilibrium's softest mode leads to; that equilibrium itself where it leads nowhere."""
         self._pass("unstable", share)
         unstable = self.membrane.displacement()
         self.newton.disturb()
-        self.records.append(self.equilibrium.solve(self.way.at(share), self.report))
+        self._settle(share, relax=relax)
         if not self.records[-1].converged:
             self.membrane.set_displacement(unstable)
         return self.way.rest(share)
