@@ -79,9 +79,8 @@ def test_collapse_is_found_and_bracketed(kind: str) -> None:
     assert lower <= LIMIT <= upper
     assert upper - lower < 1.1e-3 * 0.3 * LIMIT  # a thousandth of the load step, and its round-off
     assert lower <= last.loads["push"] <= upper
-    assert load_at(RISE + last.probes["sink"]) == pytest.approx(
-        last.loads["push"], abs=2e-6 * LIMIT
-    )  # the state's own load
+    own = last.loads["push"]  # the state's: residuals leave open where the limit is, not what the state bears
+    assert load_at(RISE + last.probes["sink"]) == pytest.approx(own, abs=2e-6 * LIMIT)
     assert "collapse" in last.reason
 
 
