@@ -78,8 +78,9 @@ def test_collapse_is_found_and_bracketed(kind: str) -> None:
     lower, upper = last.limit["load.push"]
     assert lower <= LIMIT <= upper
     assert upper - lower < 1.1e-3 * 0.3 * LIMIT  # a thousandth of the load step, and its round-off
-    assert last.loads["push"] == lower
-    assert load_at(RISE + last.probes["sink"]) == pytest.approx(lower, rel=1e-5)
+    assert lower <= last.loads["push"] <= upper
+    own = last.loads["push"]  # the state's: residuals leave open where the limit is, not what the state bears
+    assert load_at(RISE + last.probes["sink"]) == pytest.approx(own, abs=2e-6 * LIMIT)
     assert "collapse" in last.reason
 
 

@@ -136,7 +136,9 @@ class Analysis:
             if part.limit is not None:
                 lower, upper = (reached + share * (aim - reached) for share in part.limit)
                 limit = _bracket(course, lower, upper)
-                return finished(lower, replace(record, reason=_collapse(limit)), limit=limit)
+                # The state's own load: the bounds are wider than the path's points by what residuals leave open.
+                last = reached + part.reached * (aim - reached)
+                return finished(last, replace(record, reason=_collapse(limit)), limit=limit)
             if part.record.converged:
                 reached = aim
                 if reached == end:
@@ -176,7 +178,9 @@ class Analysis:
             length = 0.0 if point is None else point.length_for(1.0 / stage.steps)
         for k in range(len(had) + 1, stage.steps + 1):
             following: PathPoint | None = None
-            if point is not None:
+            if point is not None and not point.tangent.any():
+                following = path.start(point.position, 1.0)  # the load moves nothing: an equilibrium at all of it
+            elif point is not None:
                 following, length = path.step(point, length)
                 if following is not None and following.factor > 1.0:
                     following = path.land(point, following, 1.0)

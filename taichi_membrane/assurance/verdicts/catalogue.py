@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from taichi_membrane.assurance.verdicts import arches, columns, fabrics, loading, motions, skew, snaps, tubes
+from taichi_membrane.assurance.verdicts import arches, columns, fabrics, joined, loading, motions, skew, snaps, tubes
 from taichi_membrane.assurance.verdicts.case import Case, Size
 from taichi_membrane.errors import InputError
 
-_THEMES = (tubes, columns, arches, snaps, loading, motions, fabrics, skew)
+_THEMES = (tubes, columns, arches, snaps, loading, motions, fabrics, skew, joined)
 CASES: dict[str, Case] = {case.name: case for theme in _THEMES for case in theme.cases()}
 FAMILIES = tuple(dict.fromkeys(case.family for case in CASES.values()))
 
