@@ -136,9 +136,7 @@ class Analysis:
             if part.limit is not None:
                 lower, upper = (reached + share * (aim - reached) for share in part.limit)
                 limit = _bracket(course, lower, upper)
-                # The state's own load: the bounds are wider than the path's points by what residuals leave open.
-                last = reached + part.reached * (aim - reached)
-                return finished(last, replace(record, reason=_collapse(limit)), limit=limit)
+                return finished(lower, replace(record, reason=_collapse(limit)), limit=limit)
             if part.record.converged:
                 reached = aim
                 if reached == end:

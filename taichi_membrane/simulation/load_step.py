@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # Cosine of the angle between ways of one course: rounding of load values leaves 1e-16, a user's digits less than 1e-9.
 _PARALLEL = 1.0 - 1e-9
-# A branch is looked for so many times nearer when there is none yet.
+# A branch is looked for so many times further away when there is none yet.
 _NEARER = 4.0
 # Largest stress over the modulus that is none: rounding of a side's length leaves 1e-15, and a mesh that has not moved has exactly
 # none, so that no verdict hangs on the size between these and the strains of a load, 1e-3 in an inflated tube.
@@ -294,14 +294,15 @@ class LoadStep:
         return found
 
     def _branch(self, end: PathEnd) -> Rest | None:
-        """A stable state that a smooth path leads to from a bifurcation: above it, looked for nearer and nearer.
+        """A stable state that a smooth path leads to from a bifurcation: above it, looked for further and further away.
 
         At most at the aim, which is reached from above where that is too near to tell the branch from what it leaves.
         """
         assert end.beyond is not None
         assert end.upper is not None
-        last, height = self.way.of_point(end.last), self.policy.above * self.way.load(end.upper)
-        for _ in range(self.policy.approaches):
+        last, highest = self.way.of_point(end.last), self.policy.above * self.way.load(end.upper)
+        for k in reversed(range(self.policy.approaches)):
+            height = highest * _NEARER**-k
             self.membrane.set_displacement(end.beyond.position)
             self.newton.disturb()
             found = self._solve(end.upper + height)
@@ -309,7 +310,6 @@ class LoadStep:
                 found = self._solve(1.0)
             if found is not None and found.stable and self._compare(last, found) != "jump":
                 return found
-            height /= _NEARER
         return None
 
     # ---- relaxation

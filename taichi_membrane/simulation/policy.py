@@ -67,9 +67,10 @@ class Policy:
         times and a tenth ten tents and sheets take 606 and 615 iterations for 614, and their limits stay in their brackets.
     :param balance: residual over tolerance up to which a start counts as an equilibrium. Between the two stand the changes that a
         pressure's rounding or a shut valve bring; starts that are none, such as prestress let go, are off by 1e4 and more.
-    :param above: share of the load above a point of bifurcation at which a branch is looked for first: ten times the width it is
-        bracketed to.
-    :param approaches: times that it is looked for, each four times nearer than the one before, as it may have a limit of its own.
+    :param above: share of the load above a point of bifurcation up to which a branch is looked for: ten times the width it is
+        bracketed to. Further away what was left may be stable again.
+    :param approaches: times that it is looked for, each four times as far as the one before: at first it may be nearer to what it
+        leaves than residuals tell.
     :param branches: paths followed after one another, each branching off the one before; with more the path is lost. A matter of
         cost: each branches off at a higher load.
     :param landings: attempts to land on the aim from the path's points below and above it; each shortens the way by what it missed.

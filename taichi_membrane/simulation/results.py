@@ -75,7 +75,7 @@ class StepResult:
     :param negative_pivots: negative eigenvalues of the tangent stiffness, 0 for a stable equilibrium; None where no tangent is
         used.
     :param limit: where the step met collapse, bounds of each pressure and load (``load.tip``) at the largest stable load; the
-        step's own state is the equilibrium at its ``drivers``: the lower one, or above it by what residuals leave open.
+        step's own state is the equilibrium at the lower one.
     :param trace: what the step went through, each passage at a share of the stage's course.
     :param unknown: why there is no value of ``stable``, ``derivatives``, ``modes`` or ``limit``, of those that have none.
     :param state: what it hands to the next step: the run goes on from it.
