@@ -13,6 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import pairwise
 from threading import Lock
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import lapack
@@ -112,6 +113,7 @@ class Factor:
     panels: Floats
     inverse: dict[int, Floats]
     negative: int
+    doubt: ClassVar[str] = ""
 
     def solve(self, right: Floats) -> Floats:
         """Solution (n, 3) for a right-hand side (n, 3), by nodes."""

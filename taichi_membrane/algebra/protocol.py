@@ -14,7 +14,11 @@ class Factor(Protocol):
 
     @property
     def negative(self) -> int:
-        """Number of negative eigenvalues."""
+        """Number of negative eigenvalues; where the matrix is not symmetric of real ones, as far as they are found."""
+
+    @property
+    def doubt(self) -> str:
+        """What no negative eigenvalue leaves open of stability; empty where it means that the structure is stable."""
 
     def solve(self, right: Floats) -> Floats:
         """x with K x = ``right``."""

@@ -6,6 +6,7 @@ To the tangent each chamber adds a dense but rank-one term κ b bᵀ, κ = n p_a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -110,6 +111,7 @@ class CoupledFactor:
     softened: list[Floats]
     inner: Floats
     negative: int
+    doubt: ClassVar[str] = ""
 
     def solve(self, right: Floats) -> Floats:
         """Solution (n, 3) for a right-hand side (n, 3), by nodes."""

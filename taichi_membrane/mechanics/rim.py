@@ -34,8 +34,9 @@ _IN_PLANE = 1e-9
 _EQUAL = 1e-14
 # Residual of the linear solves, well below what derivatives are asked for; the iterations it may take (23 were seen at most).
 _TOLERANCE, _MOST = 1e-11, 400
-# Eigenvalues of K near zero that are looked at beyond those S has below zero.
-_NEIGHBOURS = 4
+# Eigenvalues of K near zero that are looked at beyond twice those S has below zero; all of so many freedoms.
+_NEIGHBOURS, _DENSE = 4, 30
+_FLUTTER = "flutter, which masses and damping decide, is not looked for"
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,30 +180,49 @@ class SkewFactor:
         spread[ends] = at_rim.reshape(-1, 3)
         return self.factor.solve(right - self.skew.times(spread, transposed=transposed))
 
-    @cached_property
+    @property
     def negative(self) -> int:
         """Negative real eigenvalues of K, as far as they are found.
 
         None where S has none, as x·K x = x·S x. Else among the eigenvalues nearest zero, through which a structure that becomes
         unstable without swinging has to go; pairs of complex ones, flutter, are not counted.
         """
+        return self._near_zero[0]
+
+    @property
+    def doubt(self) -> str:
+        """What no negative real eigenvalue leaves open: flutter always, and eigenvalues that were not looked at."""
+        return f"divergence only: {self._near_zero[1]}; {_FLUTTER}"
+
+    @cached_property
+    def _near_zero(self) -> tuple[int, str]:
+        """Number of negative real eigenvalues that are found, and what is known where there are none."""
         below = self.factor.negative
         if below == 0:
-            return 0
+            return 0, "nothing diverges, as the symmetric part of the tangent is positive definite"
         free = ~self.skew.structure.node_held
+        size = int(free.sum())
 
         def inverse_times(x: Floats) -> Floats:
-            return np.where(free, self.solve(np.where(free, x.reshape(free.shape), 0.0)), 0.0).ravel()
+            right = np.zeros(free.shape)
+            right[free] = x.ravel()
+            return self.solve(right)[free]
 
-        operator = LinearOperator((free.size, free.size), matvec=inverse_times, dtype=np.float64)
-        start = np.where(free, np.random.default_rng(0).standard_normal(free.shape), 0.0).ravel()
-        wanted = min(2 * below + _NEIGHBOURS, int(free.sum()) - 2)
-        try:
-            inverse: Any = eigs(operator, k=wanted, which="LM", v0=start, return_eigenvectors=False)
-        except ArpackNoConvergence as error:
-            inverse = error.eigenvalues
+        wanted = size if size <= _DENSE else min(2 * below + _NEIGHBOURS, size - 2)
+        inverse: Any
+        if wanted == size:
+            inverse = np.linalg.eigvals(np.array([inverse_times(column) for column in np.eye(size)]).T)
+        else:
+            operator = LinearOperator((size, size), matvec=inverse_times, dtype=np.float64)
+            start = np.random.default_rng(0).standard_normal(size)
+            try:
+                inverse = eigs(operator, k=wanted, which="LM", v0=start, return_eigenvectors=False)
+            except ArpackNoConvergence as error:
+                inverse = error.eigenvalues
         real = np.abs(inverse.imag) <= _IN_PLANE * np.abs(inverse)
-        return int((real & (inverse.real < 0.0)).sum())
+        which = f"of the tangent's {size} eigenvalues" + (f" the {wanted} nearest zero" if wanted < size else "")
+        seen = "" if len(inverse) >= wanted else f", of which {len(inverse)} were found"
+        return int((real & (inverse.real < 0.0)).sum()), f"{which}{seen}: none is real and negative"
 
 
 def symmetric(factor: Factor) -> Factor:

@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from taichi_membrane.output.tables import check_columns, step_columns
+from taichi_membrane.output.tables import check_columns, stability_notes, step_columns
 from taichi_membrane.simulation.results import RunResult
 
 
@@ -67,6 +67,7 @@ def _steps(result: RunResult) -> Table:
     columns = step_columns(result.scene, result.steps)
     rows = list(zip(*(column.cells for column in columns), strict=True))
     note = "A row shows its step in the view. Residual: out-of-balance forces over applied forces."
+    note += "".join(f" Stability, {which}: {why}." for which, why in stability_notes(result.steps))
     return Table("steps", "Load steps", [c.header for c in columns], rows, range(len(rows)), note)
 
 

@@ -26,6 +26,7 @@ class AtRest:
     """What the factorised tangent at an equilibrium tells; nothing where there is none."""
 
     negative_pivots: int | None = None
+    doubt: str = ""
     derivatives: dict[str, dict[str, float]] = field(default_factory=dict)
     modes: ModeResult | None = None
 
@@ -158,7 +159,7 @@ class Measure:
         elif asked is not None and course.start != course.target:
             path = self.equilibrium.path(self.equilibrium.way(course.start, course.target))
             shapes = modes.buckling(path, displacement, share, factor, asked)
-        return AtRest(factor.negative, found, shapes)
+        return AtRest(factor.negative, factor.doubt, found, shapes)
 
     def _unknown(
         self, stage: Stage, course: Course, found: AtRest, *, converged: bool, limited: bool
@@ -176,6 +177,8 @@ class Measure:
         reasons = {}
         if found.negative_pivots is None:
             reasons["stable"] = why
+        elif found.negative_pivots == 0 and found.doubt:
+            reasons["stable"] = found.doubt
         if not found.derivatives:
             reasons["derivatives"] = why if scene.derivatives else "the scene asks for none"
         if found.modes is None:
@@ -185,7 +188,9 @@ class Measure:
                 "the scene asks for none here" if asked is None else "the stage changes nothing" if still else why
             )
         if not limited:
-            reasons["limit"] = why if newton is None or not converged else "none was met"
+            met = "no divergence was met, and flutter is not looked for" if found.doubt else "none was met"
+            met = "by arc length limits are passed" if stage.control == "arc_length" else met
+            reasons["limit"] = why if newton is None or not converged else met
         return reasons
 
     @cached_property
