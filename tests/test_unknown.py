@@ -121,7 +121,7 @@ class Dense:
         self.matrix = matrix
         self.negative = int((np.linalg.eigvalsh(matrix) < 0.0).sum())
 
-    def solve(self, right: Floats) -> Floats:
+    def substituted(self, right: Floats) -> Floats:
         """Solution (n, 3)."""
         return np.linalg.solve(self.matrix, right.ravel()).reshape(right.shape)
 

@@ -66,7 +66,8 @@ def _print_at_rest(console: Console, result: RunResult) -> None:
         what = (
             "frequencies [1/time]" if modes.kind == "vibration" else f"buckling at these shares of stage {step.stage}"
         )
-        values = ", ".join(f"{value:.6g}" for value in modes.values) or "none ahead"
+        values = ", ".join(f"{value:.6g}" for value in modes.values) or "none"
+        values += f" ({modes.missing})" if modes.missing else ""
         console.print()
         _print_wrapped(console, f"{what}, at {step.stage} {step.stage_step}:", values)
     with_derivatives = [step for step in result.steps if step.derivatives]

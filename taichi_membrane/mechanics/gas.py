@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from taichi_membrane.algebra.protocol import Factor
+from taichi_membrane.algebra.refinement import SINGULAR, USELESS, refined
 from taichi_membrane.mechanics.preparation import Floats, Ints, volume_gradient
 from taichi_membrane.mechanics.system import System
 
@@ -76,11 +77,13 @@ class Gas:
             total += pressures[chamber.number] * (volume - chamber.rest_volume) - chamber.work(volume)
         return total
 
-    def coupled(self, factor: Factor) -> CoupledFactor:
-        """The factorised tangent with the chambers' terms; ``factor`` is that at constant pressures."""
+    def coupled(self, factor: Factor) -> CoupledFactor | None:
+        """The factorised tangent with the chambers' terms; ``factor`` is that at constant pressures. None where it is singular."""
         gradients = [np.where(~self.membrane.structure.node_held, g, 0.0) for g in map(self._gradient, self.chambers)]
         resistance = [c.resistance(v) for c, v in zip(self.chambers, self._volumes(), strict=True)]
         softened = [factor.solve(gradient) for gradient in gradients]
+        if not np.isfinite(softened).all():
+            return None
         inner = np.diag(1.0 / np.array(resistance))
         inner += np.array([[np.vdot(a, b) for b in softened] for a in gradients])
         # Sylvester's law on the bordered matrix, whose inertia can be read both ways.
@@ -112,23 +115,32 @@ class CoupledFactor:
     inner: Floats
     negative: int
     doubt: ClassVar[str] = ""
+    refusal: ClassVar[str] = SINGULAR
 
-    def solve(self, right: Floats) -> Floats:
-        """Solution (n, 3) for a right-hand side (n, 3), by nodes."""
-        solution = self.factor.solve(right)
+    def solve(self, right: Floats, within: float = USELESS) -> Floats:
+        """Solution (n, 3) for a right-hand side (n, 3), by nodes; not a number where more than ``within`` of that is left."""
+        return refined(self.substituted, self.times, right, within)
+
+    def solve_transposed(self, right: Floats, within: float = USELESS) -> Floats:
+        """The same: the matrix is symmetric."""
+        return self.solve(right, within)
+
+    def substituted(self, right: Floats) -> Floats:
+        """Solution by the formula."""
+        solution = self.factor.substituted(right)
         shares = np.linalg.solve(self.inner, [np.vdot(gradient, solution) for gradient in self.gradients])
         for share, softened in zip(shares, self.softened, strict=True):
             solution = solution - share * softened
         return solution
 
-    def solve_transposed(self, right: Floats) -> Floats:
-        """The same: the matrix is symmetric."""
-        return self.solve(right)
+    def times(self, vector: Floats) -> Floats:
+        """The sum times a vector (n, 3)."""
+        return self.factor.times(vector) + self._gas_times(vector)
 
     def residual(self, solution: Floats, right: Floats) -> float:
         """Backward error of a solution, in largest components, over the size of the matrix without the gas."""
-        gas = sum(
-            stiffness * np.vdot(gradient, solution) * gradient
-            for stiffness, gradient in zip(self.resistance, self.gradients, strict=True)
-        )
-        return self.factor.residual(solution, right - gas)
+        return self.factor.residual(solution, right - self._gas_times(solution))
+
+    def _gas_times(self, vector: Floats) -> Floats:
+        parts = zip(self.resistance, self.gradients, strict=True)
+        return np.asarray(sum(stiffness * np.vdot(gradient, vector) * gradient for stiffness, gradient in parts))

@@ -14,16 +14,18 @@ curvature d·S d, as d·Z d = 0: the exact unsymmetric step goes down wherever S
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from taichi_membrane.algebra.krylov import gmres
+from taichi_membrane.algebra.krylov import Found, gmres
 from taichi_membrane.algebra.protocol import Factor
+from taichi_membrane.algebra.refinement import GOOD, USELESS, refined
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
 
@@ -154,14 +156,42 @@ class SkewFactor:
 
     factor: Factor
     skew: Skew
+    _short: list[Found] = field(default_factory=list)  # of the last solution, where GMRES used its products up
 
-    def solve(self, right: Floats) -> Floats:
-        """x with K x = ``right``."""
+    def solve(self, right: Floats, within: float = USELESS) -> Floats:
+        """x with K x = ``right``; not a number where more than ``within`` of that is left."""
+        return self._proved(self.substituted, self.times, right, within)
+
+    def solve_transposed(self, right: Floats, within: float = USELESS) -> Floats:
+        """x with Kᵀ x = ``right``, Kᵀ = S - Z, likewise."""
+        turned = partial(self._solve, transposed=True), partial(self.times, transposed=True)
+        return self._proved(*turned, right, within)
+
+    def _proved(
+        self, solve: Callable[[Floats], Floats], times: Callable[[Floats], Floats], right: Floats, within: float
+    ) -> Floats:
+        """A solution that is refined; where GMRES used its products up it has to be good all the same."""
+        self._short.clear()
+        found = refined(solve, times, right, within)
+        if self._short and not float(np.linalg.norm(right - times(found))) <= GOOD * float(np.linalg.norm(right)):
+            return np.full_like(found, np.nan)
+        return found
+
+    @property
+    def refusal(self) -> str:
+        """Why the last solution was refused."""
+        if not self._short:
+            return self.factor.refusal
+        last = self._short[-1]
+        return f"GMRES over the free rim left {last.left:.1e} of its right-hand side after {last.products} products"
+
+    def substituted(self, right: Floats) -> Floats:
+        """x with K x = ``right``, as near as GMRES comes."""
         return self._solve(right, transposed=False)
 
-    def solve_transposed(self, right: Floats) -> Floats:
-        """x with Kᵀ x = ``right``, Kᵀ = S - Z."""
-        return self._solve(right, transposed=True)
+    def times(self, vector: Floats, *, transposed: bool = False) -> Floats:
+        """K, or Kᵀ, times a vector (n, 3)."""
+        return self.factor.times(vector) + self.skew.times(vector, transposed=transposed)
 
     def residual(self, solution: Floats, right: Floats) -> float:
         """Backward error of K x = b, over the size of S."""
@@ -173,12 +203,15 @@ class SkewFactor:
         def product(values: Floats) -> Floats:
             spread = np.zeros_like(right)
             spread[ends] = values.reshape(-1, 3)
-            return values + self.factor.solve(self.skew.times(spread, transposed=transposed))[ends].ravel()
+            turned = self.factor.substituted(self.skew.times(spread, transposed=transposed))
+            return values + turned[ends].ravel()
 
-        at_rim = gmres(product, self.factor.solve(right)[ends].ravel(), tolerance=_TOLERANCE, most=_MOST)
+        at_rim = gmres(product, self.factor.substituted(right)[ends].ravel(), tolerance=_TOLERANCE, most=_MOST)
+        if not at_rim.enough:
+            self._short.append(at_rim)
         spread = np.zeros_like(right)
-        spread[ends] = at_rim.reshape(-1, 3)
-        return self.factor.solve(right - self.skew.times(spread, transposed=transposed))
+        spread[ends] = at_rim.solution.reshape(-1, 3)
+        return self.factor.substituted(right - self.skew.times(spread, transposed=transposed))
 
     @property
     def negative(self) -> int:
@@ -206,7 +239,7 @@ class SkewFactor:
         def inverse_times(x: Floats) -> Floats:
             right = np.zeros(free.shape)
             right[free] = x.ravel()
-            return self.solve(right)[free]
+            return self.substituted(right)[free]
 
         wanted = size if size <= _DENSE else min(2 * below + _NEIGHBOURS, size - 2)
         inverse: Any

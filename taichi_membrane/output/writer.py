@@ -272,7 +272,15 @@ def _header(name: str, unit: str) -> str:
 def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
     """A load step in the summary: all but its arrays."""
     scalars = {key: value for key, value in vars(step).items() if key not in ("fields", "modes", "trace", "state")}
-    modes = None if step.modes is None else {"kind": step.modes.kind, "values": step.modes.values}
+    modes = (
+        None
+        if step.modes is None
+        else {
+            "kind": step.modes.kind,
+            "values": step.modes.values,
+            "missing": step.modes.missing,
+        }
+    )
     trace = [[one.event, one.share] for one in step.trace]
     return {
         **scalars,

@@ -106,6 +106,7 @@ def _at_rest(result: RunResult) -> Table:
         where = f"{step.stage} {step.stage_step}"
         if step.modes is not None:
             rows += [[where, f"{step.modes.kind} mode {k}", f"{v:.6g}"] for k, v in enumerate(step.modes.values, 1)]
+            rows += [[where, f"{step.modes.kind} modes", step.modes.missing]] if step.modes.missing else []
         for probe, parts in step.derivatives.items():
             rows += [[where, f"d {probe} / d {parameter}", f"{value:.6g}"] for parameter, value in parts.items()]
     note = "Vibration: frequencies, one over the time unit of the density. Buckling: share of the stage at which it begins."

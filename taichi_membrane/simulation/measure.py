@@ -29,6 +29,8 @@ class AtRest:
     doubt: str = ""
     derivatives: dict[str, dict[str, float]] = field(default_factory=dict)
     modes: ModeResult | None = None
+    no_derivatives: str = ""
+    no_modes: str = ""
 
 
 class Measure:
@@ -91,7 +93,7 @@ class Measure:
             limit=limit,
             derivatives=at_rest.derivatives,
             modes=at_rest.modes,
-            unknown=self._unknown(stage, course, at_rest, converged=record.converged, limited=limit is not None),
+            unknown=self._unknown(stage, at_rest, converged=record.converged, limited=limit is not None),
             state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
             seconds=time.perf_counter() - started,
             cable_forces=np.zeros(0) if self.membrane.cables is None else self.membrane.cables.forces(),
@@ -152,18 +154,26 @@ class Measure:
             return AtRest()
         displacement = self.membrane.displacement()
         shut = () if self.equilibrium.gas is None else tuple(one.number for one in self.equilibrium.gas.chambers)
-        found = sensitivity.derivatives(self.model, newton, factor, displacement, shut)
-        shapes = None
-        if asked is not None and asked.kind == "vibration":
-            shapes = modes.vibration(newton, factor, self._mass, asked)
-        elif asked is not None and course.start != course.target:
-            path = self.equilibrium.path(self.equilibrium.way(course.start, course.target))
-            shapes = modes.buckling(path, displacement, share, factor, asked)
-        return AtRest(factor.negative, factor.doubt, found, shapes)
+        found, no_derivatives = sensitivity.derivatives(self.model, newton, factor, displacement, shut)
+        shapes, no_modes = None, ""
+        try:
+            if asked is not None and asked.kind == "vibration":
+                shapes = modes.vibration(newton, factor, self._mass, asked)
+            elif asked is not None and factor.negative:
+                no_modes = "buckling is that of a stable state"
+            elif asked is not None and course.start != course.target:
+                path = self.equilibrium.path(self.equilibrium.way(course.start, course.target))
+                shapes = modes.buckling(path, displacement, share, factor, asked)
+            elif asked is not None:
+                no_modes = "the stage changes nothing"
+        except ArithmeticError as error:
+            no_modes = str(error)
+        return AtRest(
+            negative_pivots=factor.negative, doubt=factor.doubt, derivatives=found, modes=shapes,
+            no_derivatives=no_derivatives, no_modes=no_modes,
+        )  # fmt: skip
 
-    def _unknown(
-        self, stage: Stage, course: Course, found: AtRest, *, converged: bool, limited: bool
-    ) -> dict[str, str]:
+    def _unknown(self, stage: Stage, found: AtRest, *, converged: bool, limited: bool) -> dict[str, str]:
         """Why there is no value of what a step could tell."""
         scene, newton = self.model.scene, self.equilibrium.newton
         if not converged:
@@ -180,13 +190,10 @@ class Measure:
         elif found.negative_pivots == 0 and found.doubt:
             reasons["stable"] = found.doubt
         if not found.derivatives:
-            reasons["derivatives"] = why if scene.derivatives else "the scene asks for none"
+            reasons["derivatives"] = (found.no_derivatives or why) if scene.derivatives else "the scene asks for none"
         if found.modes is None:
-            asked = self._modes_asked(stage.name)
-            still = found.negative_pivots is not None and course.start == course.target
-            reasons["modes"] = (
-                "the scene asks for none here" if asked is None else "the stage changes nothing" if still else why
-            )
+            asked = self._modes_asked(stage.name) is not None
+            reasons["modes"] = (found.no_modes or why) if asked else "the scene asks for none here"
         if not limited:
             met = "no divergence was met, and flutter is not looked for" if found.doubt else "none was met"
             met = "by arc length limits are passed" if stage.control == "arc_length" else met

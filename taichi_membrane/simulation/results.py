@@ -52,11 +52,13 @@ class ModeResult:
         unstable mode), or ``buckling``, with the share of the stage at which the extrapolated tangent becomes singular.
     :param values: in the order of importance: lowest frequency, or nearest buckling load, first.
     :param shapes: (len(values), n, 3) displacements, the largest of each being 1.
+    :param missing: why there are fewer than the scene asks for; empty where there are not.
     """
 
     kind: Literal["vibration", "buckling"]
     values: tuple[float, ...]
     shapes: Floats
+    missing: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -57,6 +57,7 @@ class Newton:
         self.shift = 0.0
         self.gas: Gas | None = None
         self.rim = Rim.of(membrane.structure)
+        self._refusal = ""  # why a linear solution of the present step was refused
         self._skew: Skew | None = None  # of the state that the present step starts from
         self._kept: tuple[Floats, Floats, Factor] | None = None
         self._lowest = 0.0
@@ -103,9 +104,10 @@ class Newton:
                 energy = self._restarted(loads)
             if iteration == max_iterations:
                 break
+            self._refusal = ""
             found = self._step(position, energy, force, loads)
             if found is None:
-                reason = "no descent"
+                reason = f"no descent; {self._refusal}" if self._refusal else "no descent"
                 break
             position, energy = found
         return SolveRecord(
@@ -212,8 +214,8 @@ class Newton:
                 blocks = self.tangent.assemble() if blocks is None else blocks
                 factor = self._shifted(blocks, self.shift)
             if factor is not None:
-                direction = factor.solve(force)
-                lower = self._backtrack(position, energy, force, direction, loads)
+                direction = self._solution(factor, force)
+                lower = None if direction is None else self._backtrack(position, energy, force, direction, loads)
                 if lower is not None:
                     position, energy, fraction = lower
                     if self.shift > 0.0:
@@ -234,7 +236,9 @@ class Newton:
         if symmetric(factor).negative == 0:
             return None
         force = self.free_force()
-        direction, size, fraction = factor.solve(force), float(np.linalg.norm(force)), 1.0
+        direction, size, fraction = self._solution(factor, force), float(np.linalg.norm(force)), 1.0
+        if direction is None:
+            return None
         while fraction >= _SHORTEST_OUTRIGHT:
             trial = self.membrane.retract(position, fraction * direction)
             self._return(trial)
@@ -242,6 +246,14 @@ class Newton:
                 return trial, self._settled_energy(loads)
             fraction *= 0.5
         self._return(position)
+        return None
+
+    def _solution(self, factor: Factor, force: Floats) -> Floats | None:
+        """The step that balances a force; None where the factor's solution is refused."""
+        direction = factor.solve(force)
+        if np.isfinite(direction).all():
+            return direction
+        self._refusal = factor.refusal
         return None
 
     def _shifted(self, blocks: Floats, shift: float) -> Factor | None:
