@@ -20,7 +20,7 @@ from taichi_membrane.mechanics.system import System
 class ShutChamber:
     """A chamber whose valve is shut.
 
-    :param number: number of its pressure among the membrane's.
+    :param number: number of its pressure among the system's.
     :param triangles: numbers of the triangles that enclose it; ``sign`` (k,) 1 where their normals point out of it, else -1.
     :param rest_volume: volume they enclose at rest.
     :param ambient: absolute pressure outside.
@@ -57,29 +57,29 @@ class ShutChamber:
 
 
 class Gas:
-    """The closed chambers of a membrane."""
+    """The closed chambers of a system."""
 
-    def __init__(self, membrane: System, chambers: tuple[ShutChamber, ...]) -> None:
-        self.membrane = membrane
+    def __init__(self, system: System, chambers: tuple[ShutChamber, ...]) -> None:
+        self.system = system
         self.chambers = chambers
 
     def settle(self) -> None:
-        """Set the pressures that belong to the membrane's present volumes."""
-        pressures = self.membrane.pressures()
+        """Set the pressures that belong to the system's present volumes."""
+        pressures = self.system.pressures()
         for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
             pressures[chamber.number] = chamber.pressure_at(volume)
-        self.membrane.set_pressures(pressures)
+        self.system.set_pressures(pressures)
 
     def energy(self) -> float:
         """What the potential energy lacks that takes the present pressures for constant ones."""
-        pressures, total = self.membrane.pressures(), 0.0
+        pressures, total = self.system.pressures(), 0.0
         for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
             total += pressures[chamber.number] * (volume - chamber.rest_volume) - chamber.work(volume)
         return total
 
     def coupled(self, factor: Factor) -> CoupledFactor | None:
         """The factorised tangent with the chambers' terms; ``factor`` is that at constant pressures. None where it is singular."""
-        gradients = [np.where(~self.membrane.structure.node_held, g, 0.0) for g in map(self._gradient, self.chambers)]
+        gradients = [np.where(~self.system.structure.node_held, g, 0.0) for g in map(self._gradient, self.chambers)]
         resistance = [c.resistance(v) for c, v in zip(self.chambers, self._volumes(), strict=True)]
         softened = [factor.solve(gradient) for gradient in gradients]
         if not np.isfinite(softened).all():
@@ -91,14 +91,14 @@ class Gas:
         return CoupledFactor(factor, gradients, resistance, softened, inner, negative)
 
     def _volumes(self) -> list[float]:
-        swept = self.membrane.swept_volumes(self.membrane.displacement())
+        swept = self.system.swept_volumes(self.system.displacement())
         return [chamber.rest_volume + float(chamber.sign @ swept[chamber.triangles]) for chamber in self.chambers]
 
     def _gradient(self, chamber: ShutChamber) -> Floats:
         """(node_count, 3) ∂V/∂x in the supports' axes."""
-        mesh = self.membrane.structure.mesh
-        places = mesh.points + self.membrane.displacement()
-        return self.membrane.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles], chamber.sign))
+        mesh = self.system.structure.mesh
+        places = mesh.points + self.system.displacement()
+        return self.system.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles], chamber.sign))
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,7 +39,7 @@ class Measure:
     def __init__(self, equilibrium: Equilibrium) -> None:
         self.model = equilibrium.model
         self.equilibrium = equilibrium
-        self.membrane = equilibrium.membrane
+        self.system = equilibrium.system
         self._has_energy = all(fabric.law != "clip" for fabric in self.model.structure.fabrics)
 
     def step(
@@ -55,7 +55,7 @@ class Measure:
         *,
         limit: dict[str, tuple[float, float]] | None = None,
     ) -> StepResult:
-        """The record of step ``k`` of a stage, at the membrane's present state.
+        """The record of step ``k`` of a stage, at the system's present state.
 
         :param share: how far along the stage's course the state is.
         :param started: when the step began, by :func:`time.perf_counter`.
@@ -64,12 +64,12 @@ class Measure:
         state = course.at(share)
         self.equilibrium.apply(state)
         state = self.equilibrium.settled(state)
-        displacement = self.membrane.displacement()
+        displacement = self.system.displacement()
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
-        self.membrane.set_displacement(displacement)
+        self.system.set_displacement(displacement)
         values = self._present(displacement).fields()
-        swept = self.membrane.swept_volumes(displacement)
+        swept = self.system.swept_volumes(displacement)
         volume = self.model.rest_volume + float((self.model.enclosing * swept).sum())
         energy = self._energy(state, displacement)
         at_rest = self._at_rest(stage, course, share) if record.converged else AtRest()
@@ -96,38 +96,38 @@ class Measure:
             unknown=self._unknown(stage, at_rest, converged=record.converged, limited=limit is not None),
             state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
             seconds=time.perf_counter() - started,
-            cable_forces=np.zeros(0) if self.membrane.cables is None else self.membrane.cables.forces(),
+            cable_forces=np.zeros(0) if self.system.cables is None else self.system.cables.forces(),
             contact_forces=self._contact_forces(),
         )
         return probes.with_own(self.model, step)
 
     def _present(self, displacement: Floats) -> Present:
-        """The membrane's present state, downloaded."""
-        local = self.membrane.in_frames(-self.membrane.out_of_balance())
+        """The system's present state, downloaded."""
+        local = self.system.in_frames(-self.system.out_of_balance())
         return Present(
             structure=self.model.structure,
             displacement=displacement,
-            reaction=self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0)),
-            elements=self.membrane.element_state(),
+            reaction=self.system.from_frames(np.where(self.model.structure.node_held, local, 0.0)),
+            elements=self.system.element_state(),
         )
 
     def _energy(self, state: LoadState, displacement: Floats) -> float | None:
-        """Potential energy at the membrane's present state; None where there is none."""
+        """Potential energy at the system's present state; None where there is none."""
         if not self._has_energy:
             return None
-        if self.equilibrium.rim.at(self.membrane.pressures(), displacement) is not None:
+        if self.equilibrium.rim.at(self.system.pressures(), displacement) is not None:
             return None  # follower pressure without a potential
-        energy = self.membrane.potential_energy(self.model.nodal_loads(state))[0]
+        energy = self.system.potential_energy(self.model.nodal_loads(state))[0]
         return energy if self.equilibrium.gas is None else energy + self.equilibrium.gas.energy()
 
     def _contact_forces(self) -> dict[str, float]:
         """What each plane pushes with, all in all."""
-        named = zip(self.model.scene.planes, self.membrane.planes, strict=True)
+        named = zip(self.model.scene.planes, self.system.planes, strict=True)
         return {name: float(plane.push().sum()) for name, plane in named}
 
     def again(self, step: StepResult) -> None:
-        """Bring the membrane back to the state that a step left it in."""
-        self.membrane.set_displacement(step.state.displacement)
+        """Bring the system back to the state that a step left it in."""
+        self.system.set_displacement(step.state.displacement)
         self.equilibrium.apply(LoadState(step.state.drivers))
         if step.converged:
             # Handed on to the next step; a new one of a barely definite matrix may be refused.
@@ -152,7 +152,7 @@ class Measure:
         newton, asked, factor = self.equilibrium.newton, self._modes_asked(stage.name), self._tangent(stage.name)
         if newton is None or factor is None:
             return AtRest()
-        displacement = self.membrane.displacement()
+        displacement = self.system.displacement()
         shut = () if self.equilibrium.gas is None else tuple(one.number for one in self.equilibrium.gas.chambers)
         found, no_derivatives = sensitivity.derivatives(self.model, newton, factor, displacement, shut)
         shapes, no_modes = None, ""

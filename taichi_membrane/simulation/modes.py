@@ -55,16 +55,16 @@ def buckling(path: Path, position: Floats, present: float, factor: Factor, asked
 
     :raises ArithmeticError: the tangent is singular to round-off.
     """
-    newton, membrane = path.newton, path.membrane
+    newton, system = path.newton, path.newton.system
     tangent = path.tangent(factor, present)
     if not np.isfinite(tangent).all():
         raise ArithmeticError(factor.refusal)
     change = []
     for sign in (1.0, -1.0):
-        membrane.set_displacement(membrane.retract(position, sign * _CHANGE * tangent))
+        system.set_displacement(system.retract(position, sign * _CHANGE * tangent))
         path.apply(present + sign * _CHANGE)
         change.append(_free_matrix(newton))
-    membrane.set_displacement(position)
+    system.set_displacement(position)
     path.apply(present)
     stiffness = _free_matrix(newton)
     softening = (change[1] - change[0]) / (2.0 * _CHANGE)
@@ -129,7 +129,7 @@ def _shapes(newton: Newton, vectors: Floats) -> Floats:
     shapes = np.zeros((vectors.shape[1], *newton.free.shape))
     for shape, vector in zip(shapes, vectors.T, strict=True):
         shape[newton.free] = vector
-        shape[:] = newton.membrane.from_frames(shape)
+        shape[:] = newton.system.from_frames(shape)
         largest = shape.ravel()[np.abs(shape).argmax()]
         shape /= largest
     return shapes

@@ -31,7 +31,7 @@ def derivatives(
     forces = dict(_force_derivatives(model, newton, shut))
     found = {}
     for name in model.scene.derivatives:
-        gradient = newton.membrane.in_frames(_gradient(model, name, displacement))
+        gradient = newton.system.in_frames(_gradient(model, name, displacement))
         adjoint = factor.solve_transposed(np.where(newton.free, gradient, 0.0), GOOD)
         if not np.isfinite(adjoint).all():
             return {}, f"{factor.refusal} (more than {GOOD:g} of the gradient of {name} is left)"
@@ -41,26 +41,26 @@ def derivatives(
 
 def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> Iterator[tuple[str, Floats]]:
     """∂F/∂θ at free components for each parameter; the forces are linear in every one, so that differences are exact."""
-    membrane = newton.membrane
+    system = newton.system
 
     def at_free(force: Floats) -> Floats:
-        return np.where(newton.free, membrane.in_frames(force), 0.0)
+        return np.where(newton.free, system.in_frames(force), 0.0)
 
     for driver, unit in model.unit_forces.items():
         yield driver, at_free(unit)
     present = newton.free_force()
-    values = membrane.pressures()
+    values = system.pressures()
     for number, name in enumerate(model.pressure_names):
         if number in shut:
             continue  # not prescribed
-        membrane.set_pressures(values + np.eye(len(values))[number])
+        system.set_pressures(values + np.eye(len(values))[number])
         yield f"pressure.{name}", newton.free_force() - present
-        membrane.set_pressures(values)
+        system.set_pressures(values)
     for number, (name, fabric) in enumerate(model.fabric_names()):
-        membrane.scale_thickness(number, 2.0)
+        system.scale_thickness(number, 2.0)
         label = "thickness" if len(model.fabric_names()) == 1 else f"thickness.{name}"
         yield label, (newton.free_force() - present) / fabric.thickness
-        membrane.scale_thickness(number, 1.0)
+        system.scale_thickness(number, 1.0)
 
 
 def _gradient(model: Model, name: str, displacement: Floats) -> Floats:
