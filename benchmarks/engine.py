@@ -58,17 +58,17 @@ def c_iterations(bound: ctypes.CDLL, work: Any) -> Callable[[int], None]:
     """A function that runs that many iterations of the C loop on the arrays of an analysis."""
     from taichi_membrane.mechanics.preparation import gather_lists
 
-    membrane = work.membrane
-    mesh, fabric = membrane.structure.mesh, membrane.structure.fabrics[0]
+    system = work.system
+    mesh, fabric = system.structure.mesh, system.structure.fabrics[0]
     start, corners = gather_lists(mesh.triangles.ravel(), mesh.node_count)
     zeros = np.zeros_like(mesh.points)
-    geometry = membrane.geometry
+    geometry = system.geometry
     before = [
-        mesh.triangles, mesh.points - membrane.origin, zeros.copy(), geometry.side_length,
+        mesh.triangles, mesh.points - system.origin, zeros.copy(), geometry.side_length,
         geometry.area * fabric.thickness, geometry.strain_matrix,
     ]  # fmt: skip
     after = [
-        start, corners, zeros.copy(), work.relaxation.node_mass.to_numpy(), membrane.structure.node_held.astype(np.int32),
+        start, corners, zeros.copy(), work.relaxation.node_mass.to_numpy(), system.structure.node_held.astype(np.int32),
         zeros.copy(), zeros.copy(), np.zeros((3 * mesh.tri_count, 3)),
     ]  # fmt: skip
     before, after = ([np.ascontiguousarray(a) for a in arrays] for arrays in (before, after))
@@ -114,7 +114,7 @@ def build(overrides: dict[str, Any], *, precision: str, threads: int) -> tuple[A
     work = Analysis(model)
     work.compile()
     compiled = time.perf_counter()
-    work.membrane.set_pressures(np.full(len(model.pressure_names), 0.035))
+    work.system.set_pressures(np.full(len(model.pressure_names), 0.035))
     return work, prepared - started, compiled - prepared
 
 
@@ -123,7 +123,7 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
     around, along = case["size"]
     overrides = {"mesh.around": around, "mesh.along": along, **case.get("overrides", {})}
     work, setup, compiling = build(overrides, precision=case["precision"], threads=case["threads"])
-    count = work.membrane.tri_count
+    count = work.system.tri_count
     batch = max(1, int(2e5 / count))
     repeats = 200 if count < 50_000 else 40
     solver = work.relaxation
@@ -145,7 +145,7 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
         "c_ns_per_element": None if c_time == float("inf") else c_time / count * 1e9,
         "setup_s": setup,
         "compile_s": compiling,
-        "bytes_per_triangle": work.membrane.bytes_allocated() / count,
+        "bytes_per_triangle": work.system.bytes_allocated() / count,
     }
 
 

@@ -56,7 +56,7 @@ def run_case(case: dict[str, Any]) -> dict[str, Any]:
     solve = time.perf_counter() - began
     return {
         **seconds,
-        "triangles": work.membrane.tri_count,
+        "triangles": work.system.tri_count,
         "converged": work.outcome == "finished",
         "solve": solve,
         "whole": time.perf_counter() - started,
@@ -72,7 +72,7 @@ def parts_case(case: dict[str, Any]) -> dict[str, Any]:
     work, seconds = analysis(case)
     next(work.steps())
     newton = work.newton
-    membrane = work.membrane
+    system = work.system
 
     def smallest(call: Callable[[], Any], repeats: int = 5) -> float:
         call()
@@ -84,18 +84,18 @@ def parts_case(case: dict[str, Any]) -> dict[str, Any]:
         return float(best)
 
     factor = newton.factorised()
-    force = np.random.default_rng(0).normal(size=membrane.displacement().shape)
-    position = membrane.displacement()
+    force = np.random.default_rng(0).normal(size=system.displacement().shape)
+    position = system.displacement()
     loads = np.zeros_like(position)
     return {
         **seconds,
-        "triangles": membrane.tri_count,
+        "triangles": system.tri_count,
         "tangent": smallest(newton.tangent.assemble),
-        "residual": smallest(membrane.out_of_balance),
-        "energy": smallest(lambda: membrane.potential_energy(loads)),
+        "residual": smallest(system.out_of_balance),
+        "energy": smallest(lambda: system.potential_energy(loads)),
         "factor": smallest(newton.factorised) - smallest(newton.tangent.assemble),
         "solve": smallest(lambda: factor.solve(force)),
-        "state": smallest(lambda: membrane.set_displacement(position)),
+        "state": smallest(lambda: system.set_displacement(position)),
         "entries": newton.tangent.elimination.factor_entries(),
     }
 
@@ -103,11 +103,11 @@ def parts_case(case: dict[str, Any]) -> dict[str, Any]:
 def solver_case(case: dict[str, Any]) -> dict[str, Any]:
     """Order, factorise and solve with the tangent of the inflated tube, by one of the solvers."""
     work, _ = analysis({**case, "stages": ONE_STEP[:1]})
-    membrane, newton = work.membrane, work.newton
+    system, newton = work.system, work.newton
     # A state under tension everywhere, near the inflated one, without solving for it.
-    points = membrane.structure.mesh.points
-    membrane.set_displacement(points * np.array([1e-3, 2e-3, 2e-3]))
-    membrane.set_pressures(np.array([0.035]))
+    points = system.structure.mesh.points
+    system.set_displacement(points * np.array([1e-3, 2e-3, 2e-3]))
+    system.set_pressures(np.array([0.035]))
     force = np.random.default_rng(0).normal(size=points.shape)
     force[~newton.free] = 0.0
     blocks = newton.tangent.assemble()
@@ -116,7 +116,7 @@ def solver_case(case: dict[str, Any]) -> dict[str, Any]:
         from taichi_membrane.algebra.multifrontal import Multifrontal
 
         began = time.perf_counter()
-        elimination = eliminate(points, membrane.structure.mesh.edges())
+        elimination = eliminate(points, system.structure.mesh.edges())
         _ = elimination.additions, elimination.groups, elimination.entries
         solver = Multifrontal(elimination)
         order = time.perf_counter() - began

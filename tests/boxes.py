@@ -10,7 +10,7 @@ from taichi_membrane.mesh import Mesh
 Vector = tuple[float, float, float]
 
 
-class _Grid:
+class Grid:
     """Rectangles of n × n squares that share the nodes of their edges."""
 
     def __init__(self, n: int) -> None:
@@ -42,7 +42,7 @@ def two_cells(n: int, *, turned: bool = False) -> Mesh:
 
     The wall's normal points along x, from a into b, or the other way round where ``turned``.
     """
-    grid = _Grid(n)
+    grid = Grid(n)
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     for cell, start in (("a", 0.0), ("b", 1.0)):
         corner = (start, 0.0, 0.0)

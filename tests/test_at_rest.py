@@ -106,16 +106,16 @@ def test_derivatives_are_those_of_finite_differences() -> None:
     course = Course(*[LoadState.of(pressure={"inside": 0.035}, load={"tip": 10.0})] * 2)
 
     def probes_at(state: LoadState) -> dict[str, float]:
-        work.membrane.set_displacement(step.displacement)
+        work.system.set_displacement(step.displacement)
         assert work.equilibrium.step(course.start, state, None).reached == 1.0
         record = SolveRecord(converged=False, reason="", iterations=0, residual=0.0, seconds=0.0, method="")
         return work.measure.step(0, scene.stages[1], 1, Course(state, state), 1.0, record, 0, 0.0).probes
 
     def with_thickness(number: int) -> Callable[[float], dict[str, float]]:
         def probes(share: float) -> dict[str, float]:
-            work.membrane.scale_thickness(number, share)
+            work.system.scale_thickness(number, share)
             values = probes_at(course.start)
-            work.membrane.scale_thickness(number, 1.0)
+            work.system.scale_thickness(number, 1.0)
             return values
 
         return probes

@@ -129,15 +129,15 @@ class Zoo:
     """Seven irregular closed bodies: every law with both side strains on random fabrics, one isotropic; two chambers."""
 
     bodies: list[Body]
-    membrane: System
+    system: System
     loads: Floats
 
     def forces(self, u: Floats, pressures: Floats, loads: Floats) -> Floats:
         """Out-of-balance forces of the engine."""
-        self.membrane.set_displacement(u)
-        self.membrane.set_pressures(pressures)
-        self.membrane.set_loads(loads)
-        return self.membrane.out_of_balance()
+        self.system.set_displacement(u)
+        self.system.set_pressures(pressures)
+        self.system.set_loads(loads)
+        return self.system.out_of_balance()
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +157,7 @@ def zoo(runtime_cpu: Runtime) -> Zoo:
         points = base * rng.uniform(0.6, 1.6, 3) + rng.uniform(-0.15, 0.15, base.shape) + [4.0 * number, 0, 0]
         parts.append((points, triangles, rng.normal(size=(20, 3)), fabric, number % 3 - 1))
     bodies, structure = joined(parts, loads=True)
-    return Zoo(bodies=bodies, membrane=System(structure), loads=rng.normal(size=structure.mesh.points.shape))
+    return Zoo(bodies=bodies, system=System(structure), loads=rng.normal(size=structure.mesh.points.shape))
 
 
 def random_state(zoo: Zoo, seed: int, size: float = 0.2) -> Floats:
@@ -170,7 +170,7 @@ def test_forces_and_stresses_equal_the_oracle(zoo: Zoo, seed: int) -> None:
     """Strains by solving the 3 × 3 systems or from deformation gradients, stresses by brute force, p ∂V/∂x, dead loads."""
     u = random_state(zoo, seed)
     got = zoo.forces(u, PRESSURES, zoo.loads)
-    state = zoo.membrane.element_state()
+    state = zoo.system.element_state()
     assert set(state.state) == {0, 1, 2}
     for body in zoo.bodies:
         stress, expected = body.stress_and_forces(u[body.nodes])
@@ -189,7 +189,7 @@ def test_margins_and_fold_strains_equal_the_oracle(zoo: Zoo) -> None:
     """Distance from the borders of the states, and the strain stored in folds: zero where taut."""
     u = random_state(zoo, 1)
     zoo.forces(u, PRESSURES, zoo.loads)
-    state = zoo.membrane.element_state()
+    state = zoo.system.element_state()
     for body in zoo.bodies:
         strain, (stress, _) = body.strain(u[body.nodes]), body.stress_and_forces(u[body.nodes])
         row = moduli_of(body.fabric)
@@ -217,7 +217,7 @@ def test_forces_are_minus_the_gradient_of_the_potential(zoo: Zoo, seed: int) -> 
     """
     u = random_state(zoo, seed)
     got = zoo.forces(u, PRESSURES, zoo.loads)
-    state = zoo.membrane.element_state().state
+    state = zoo.system.element_state().state
     step, checked, skipped = 1e-5, 0, 0
     for body in zoo.bodies:
         if body.fabric.law == "clip":
@@ -229,10 +229,10 @@ def test_forces_are_minus_the_gradient_of_the_potential(zoo: Zoo, seed: int) -> 
             for k in (-2, -1, 1, 2):
                 moved = u.copy()
                 moved[node, c] += k * step
-                zoo.membrane.set_displacement(moved)
-                energy[k] = zoo.membrane.potential_energy(zoo.loads)[0]
+                zoo.system.set_displacement(moved)
+                energy[k] = zoo.system.potential_energy(zoo.loads)[0]
                 if k % 2 == 0:
-                    crossed |= not np.array_equal(zoo.membrane.element_state().state, state)
+                    crossed |= not np.array_equal(zoo.system.element_state().state, state)
             slope = (energy[-2] - 8 * energy[-1] + 8 * energy[1] - energy[2]) / (12 * step)
             if crossed:  # the second derivative jumps within the step, so differences are no better than the step
                 skipped += 1
@@ -247,22 +247,22 @@ def test_a_moved_and_turned_structure_feels_turned_forces(zoo: Zoo, seed: int) -
     """Forces follow a large rotation and a shift of 100; energies do not change."""
     rng = np.random.default_rng(seed)
     turn, shift = oracle.rotation(rng), rng.normal(size=3) * 100
-    points = zoo.membrane.structure.mesh.points
+    points = zoo.system.structure.mesh.points
     u = random_state(zoo, seed)
     before = zoo.forces(u, PRESSURES, 0 * zoo.loads)
-    strain_energy = zoo.membrane.potential_energy(0 * zoo.loads)[1]
+    strain_energy = zoo.system.potential_energy(0 * zoo.loads)[1]
     after = zoo.forces((points + u) @ turn.T + shift - points, PRESSURES, 0 * zoo.loads)
     # Displacements of 100 to 200 round at 100 eps; that error in a strain of order 1 times the stiffest modulus.
     scale = 1e3 * EPS * max(np.max(moduli_of(body.fabric)[[0, 1, 3]]) for body in zoo.bodies) * 10
     assert np.max(np.abs(after - before @ turn.T)) < scale
-    assert zoo.membrane.potential_energy(0 * zoo.loads)[1] == pytest.approx(strain_energy, rel=1e-12)
+    assert zoo.system.potential_energy(0 * zoo.loads)[1] == pytest.approx(strain_energy, rel=1e-12)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_rigid_motion_exerts_no_force(zoo: Zoo, seed: int) -> None:
     """A rotation by any angle and a shift of 100, without prestress: nothing but the rounding of displacements."""
     rng = np.random.default_rng(seed)
-    points = zoo.membrane.structure.mesh.points
+    points = zoo.system.structure.mesh.points
     u = points @ oracle.rotation(rng).T + rng.normal(size=3) * 100 - points
     got = zoo.forces(u, 0 * PRESSURES, 0 * zoo.loads)
     for body in zoo.bodies:
@@ -278,9 +278,9 @@ def test_pressure_on_closed_bodies(zoo: Zoo, seed: int) -> None:
     u = random_state(zoo, seed)
     still = zoo.forces(u, 0 * PRESSURES, 0 * zoo.loads)
     push = zoo.forces(u, PRESSURES, 0 * zoo.loads) - still
-    total, strain_energy = zoo.membrane.potential_energy(0 * zoo.loads)
-    swept = zoo.membrane.swept_volumes(u)
-    present = zoo.membrane.structure.mesh.points + u
+    total, strain_energy = zoo.system.potential_energy(0 * zoo.loads)
+    swept = zoo.system.swept_volumes(u)
+    present = zoo.system.structure.mesh.points + u
     work = 0.0
     # The difference of two out-of-balance forces rounds like the larger of them; coordinates reach 25.
     noise = 100 * EPS * (1 + np.max(np.abs(still)))
@@ -315,11 +315,11 @@ def patches(runtime_cpu: Runtime) -> tuple[list[Body], System]:
 
 def affine(patches: tuple[list[Body], System], gradient: Floats) -> tuple[Floats, Floats, Floats]:
     """Displacements, stresses and forces of the map that takes (x, y) to gradient · (x, y), in every patch."""
-    _, membrane = patches
-    points = membrane.structure.mesh.points
+    _, system = patches
+    points = system.structure.mesh.points
     u = points[:, :2] @ gradient.T - points
-    membrane.set_displacement(u)
-    return u, membrane.element_state().stress, membrane.out_of_balance()
+    system.set_displacement(u)
+    return u, system.element_state().stress, system.out_of_balance()
 
 
 STRETCHES = {
@@ -383,18 +383,18 @@ def test_open_surface_that_slides_in_a_plane_of_symmetry(runtime_cpu: Runtime) -
     held[np.setdiff1d(np.arange(len(points)), inner), 2] = True
     fabric = orthotropic(np.array([1.0, 1.0, 0.3, 1 / 2.6]), "none", "green")
     _, structure = joined([(points, triangles, np.tile(np.eye(3)[0], (len(triangles), 1)), fabric, 0)], loads=False)
-    membrane = System(structure)
-    membrane.set_pressures(np.array([0.5]))
+    system = System(structure)
+    system.set_pressures(np.array([0.5]))
     u = np.where(held, 0.0, rng.normal(size=points.shape) * 0.2)
-    membrane.set_displacement(u)
-    got = membrane.out_of_balance()
+    system.set_displacement(u)
+    got = system.out_of_balance()
     none, step = np.zeros_like(u), 1e-3  # the energy is a polynomial: fourth-order differences err by step⁴
     for i, c in np.argwhere(~held):
         energy = {}
         for k in (-2, -1, 1, 2):
             moved = u.copy()
             moved[i, c] += k * step
-            membrane.set_displacement(moved)
-            energy[k] = membrane.potential_energy(none)[0]
+            system.set_displacement(moved)
+            energy[k] = system.potential_energy(none)[0]
         slope = (energy[-2] - 8 * energy[-1] + 8 * energy[1] - energy[2]) / (12 * step)
         assert slope == pytest.approx(-got[i, c], abs=1e-9)

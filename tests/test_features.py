@@ -48,19 +48,19 @@ def set_traps(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
 
 def run_everything(structure: Structure) -> System:
     """Build the engine for a structure and run each of its kernels."""
-    membrane = System(structure)
-    membrane.out_of_balance()
-    membrane.potential_energy(np.zeros((12, 3)))
-    membrane.element_state()
-    Relaxation(membrane).compile()
-    return membrane
+    system = System(structure)
+    system.out_of_balance()
+    system.potential_energy(np.zeros((12, 3)))
+    system.element_state()
+    Relaxation(system).compile()
+    return system
 
 
 def test_a_plain_scene_owns_no_field_and_compiles_no_code_of_any_feature(monkeypatch: pytest.MonkeyPatch) -> None:
     """Linear isotropic fabric without pressure, loads and prestress, with a trap in every optional device function."""
     set_traps(monkeypatch, *TRAPS)
-    membrane = run_everything(closed_body(ISOTROPIC, **PLAIN))
-    assert [name for name, _ in membrane.fields() if name in OPTIONAL] == []
+    system = run_everything(closed_body(ISOTROPIC, **PLAIN))
+    assert [name for name, _ in system.fields() if name in OPTIONAL] == []
 
 
 def test_an_isotropic_tension_field_compiles_no_direction_search(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,5 +91,5 @@ def test_fields_exist_exactly_where_a_feature_is_used() -> None:
         ({"fabric_prestrain", "chamber_pressure", "tri_chamber"}, {"fabrics": (stressed,), "tri_chamber": half - 1}),
     ]
     for expected, parts in cases:
-        membrane = System(closed_body(ISOTROPIC, **{**PLAIN, **parts}))
-        assert {name for name, _ in membrane.fields() if name in OPTIONAL} == expected
+        system = System(closed_body(ISOTROPIC, **{**PLAIN, **parts}))
+        assert {name for name, _ in system.fields() if name in OPTIONAL} == expected

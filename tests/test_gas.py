@@ -95,26 +95,26 @@ def test_the_coupled_tangent_is_the_derivative_of_the_forces() -> None:
     scene = sphere(4, 1.4)
     work = Analysis(build_model(scene, build_mesh(scene)))
     *_, last = work.steps()
-    newton, membrane = work.newton, work.membrane
+    newton, system = work.newton, work.system
     assert newton is not None
     factor = newton.factorised(indefinite=True)
     assert factor is not None
     rng = np.random.default_rng(0)
-    position = membrane.displacement()
+    position = system.displacement()
     for _ in range(3):
         direction = np.where(newton.free, rng.normal(size=position.shape), 0.0)
         forces = []
         for sign in (1.0, -1.0):
-            membrane.set_displacement(position + sign * 1e-6 * direction)
+            system.set_displacement(position + sign * 1e-6 * direction)
             work.equilibrium.gas.settle()  # type: ignore[union-attr]
             forces.append(newton.free_force())
         change = (forces[1] - forces[0]) / 2e-6
         assert factor.solve(change) == pytest.approx(direction, abs=1e-6)
-    membrane.set_displacement(position)
+    system.set_displacement(position)
     work.equilibrium.gas.settle()  # type: ignore[union-attr]
     # A pressure so high that the ball would run away, were the gas not shut in.
     work.equilibrium.shut([], LoadState(last.drivers))
-    membrane.set_pressures(np.array([120.0]))
+    system.set_pressures(np.array([120.0]))
     loose = newton.factorised(indefinite=True)
     work.equilibrium.shut(["gas"], LoadState.of(pressure={"gas": 120.0, "outside": 0.0}))
     shut = newton.factorised(indefinite=True)

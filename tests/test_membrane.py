@@ -53,11 +53,11 @@ def crowd() -> tuple[list[Body], System, Relaxation]:
             warp = np.tile(np.eye(3)[number % 2], (len(triangles), 1))
             parts.append((points + np.array([5.0 * number, 10, 0]), triangles, warp, material, -1))
     bodies, structure = joined(parts, loads=False)
-    membrane = System(structure)
-    return bodies, membrane, Relaxation(membrane)
+    system = System(structure)
+    return bodies, system, Relaxation(system)
 
 
-def tangents(bodies: list[Body], membrane: System, u: Floats) -> list[Floats]:
+def tangents(bodies: list[Body], system: System, u: Floats) -> list[Floats]:
     """Symmetric part of each body's stiffness by central differences of its forces, all bodies at once."""
     step, most = 1e-6, max(len(body.points) for body in bodies) * 3
     columns: list[list[Floats]] = [[] for _ in bodies]
@@ -68,8 +68,8 @@ def tangents(bodies: list[Body], membrane: System, u: Floats) -> list[Floats]:
             for body in bodies:
                 if column < 3 * len(body.points):
                     moved[body.nodes.start + column // 3, column % 3] += sign * step
-            membrane.set_displacement(moved)
-            force[sign] = membrane.out_of_balance()
+            system.set_displacement(moved)
+            force[sign] = system.out_of_balance()
         for body, kept in zip(bodies, columns, strict=True):
             if column < 3 * len(body.points):
                 kept.append((force[-1] - force[1])[body.nodes].ravel() / (2 * step))
@@ -104,15 +104,15 @@ def test_mass_bounds_the_highest_frequency(
     crowd: tuple[list[Body], System, Relaxation], seed: int, size: float, pressure: float
 ) -> None:
     """Central differences with step 1 are stable while λ(M⁻¹ K) ≤ 4; slack, wrinkled, taut and blown-up states."""
-    bodies, membrane, relaxation = crowd
-    u = np.random.default_rng(seed).normal(size=membrane.structure.mesh.points.shape) * size
-    membrane.set_pressures(np.array([pressure]))
-    membrane.set_displacement(u)
+    bodies, system, relaxation = crowd
+    u = np.random.default_rng(seed).normal(size=system.structure.mesh.points.shape) * size
+    system.set_pressures(np.array([pressure]))
+    system.set_displacement(u)
     relaxation.start_from_rest()
     mass = relaxation.node_mass.to_numpy()
     highest = [
         highest_eigenvalue(stiffness, mass[body.nodes])
-        for body, stiffness in zip(bodies, tangents(bodies, membrane, u), strict=True)
+        for body, stiffness in zip(bodies, tangents(bodies, system, u), strict=True)
     ]
     assert max(highest) < 4 * (1 + 1e-6)  # differences of forces err by about 1e-9
     assert max(highest) > 1  # measured up to 3.3: the bound is no more than a small factor too heavy
@@ -120,12 +120,12 @@ def test_mass_bounds_the_highest_frequency(
 
 def test_diagonal_mass_of_the_seed_is_too_small(crowd: tuple[list[Body], System, Relaxation]) -> None:
     """Without the coupling of the sides the limit 4 is passed, on closed bodies and patches alike."""
-    bodies, membrane, _ = crowd
-    u = np.random.default_rng(1).normal(size=membrane.structure.mesh.points.shape) * 0.3
-    membrane.set_pressures(np.array([1.0]))
+    bodies, system, _ = crowd
+    u = np.random.default_rng(1).normal(size=system.structure.mesh.points.shape) * 0.3
+    system.set_pressures(np.array([1.0]))
     highest = [
         highest_eigenvalue(stiffness, diagonal_mass(body, u[body.nodes]))
-        for body, stiffness in zip(bodies, tangents(bodies, membrane, u), strict=True)
+        for body, stiffness in zip(bodies, tangents(bodies, system, u), strict=True)
     ]
     assert min(max(highest[: len(CROWD)]), max(highest[len(CROWD) :])) > 5
 
@@ -197,12 +197,12 @@ def test_warp_angle_turns_counter_clockwise_from_the_projected_warp(material: di
 def test_stress_is_given_in_the_turned_fabric_axes() -> None:
     """A stretch of 1e-6 along x is, for a warp at 30°, (cos², sin², -2 sin cos) of it in warp, weft and shear."""
     structure = panel_model(warp_angle=30.0).structure
-    membrane = System(structure)
-    membrane.set_displacement(structure.mesh.points * [1e-6, 0, 0])
+    system = System(structure)
+    system.set_displacement(structure.mesh.points * [1e-6, 0, 0])
     c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
     strain = 1e-6 * np.array([[c * c, s * s, -2 * s * c]])
     stress = oracle.response(strain, moduli_of(structure.fabrics[0])[None], "none")
-    state = membrane.element_state()
+    state = system.element_state()
     # Engineering side strains of a uniaxial stretch differ from a tensor by the square of the strain.
     assert state.strain == pytest.approx(np.tile(strain, (16, 1)), rel=1e-5)
     assert state.stress == pytest.approx(np.tile(stress, (16, 1)), rel=1e-5)
@@ -221,11 +221,11 @@ def test_warp_perpendicular_to_its_element_is_refused_with_the_element() -> None
 
 def answer(structure: Structure, scale: float = 1.0) -> tuple[Floats, Floats, Floats]:
     """Forces over scale², stresses and energy over scale³ of one random state of :func:`closed_body`."""
-    membrane = System(structure)
-    membrane.set_displacement(np.random.default_rng(22).normal(size=(12, 3)) * 0.2 * scale)
-    membrane.set_pressures(np.array([0.3]))
-    force, state = membrane.out_of_balance(), membrane.element_state()
-    energy = membrane.potential_energy(np.zeros((12, 3)))
+    system = System(structure)
+    system.set_displacement(np.random.default_rng(22).normal(size=(12, 3)) * 0.2 * scale)
+    system.set_pressures(np.array([0.3]))
+    force, state = system.out_of_balance(), system.element_state()
+    energy = system.potential_energy(np.zeros((12, 3)))
     assert set(state.state) >= {0, 1}
     return force / scale**2, state.stress, np.array(energy) / scale**3
 
@@ -247,15 +247,15 @@ def test_repeated_forces_and_relaxations_are_bit_identical() -> None:
     results, held = [], np.zeros((12, 3), dtype=bool)
     held[0], held[5, 1:], held[9, 2] = True, True, True
     for _ in range(2):
-        membrane = System(closed_body(law("tension_field"), node_held=held))
-        relaxation = Relaxation(membrane)
-        membrane.set_pressures(np.array([0.3]))
+        system = System(closed_body(law("tension_field"), node_held=held))
+        relaxation = Relaxation(system)
+        system.set_pressures(np.array([0.3]))
         for _ in range(2):
-            membrane.set_displacement(np.random.default_rng(23).normal(size=(12, 3)) * 0.05 * ~held)
-            force = [membrane.out_of_balance() for _ in range(5)]
+            system.set_displacement(np.random.default_rng(23).normal(size=(12, 3)) * 0.05 * ~held)
+            force = [system.out_of_balance() for _ in range(5)]
             record = relaxation.solve(tolerance=1e-8, reference=1.0, max_iterations=20000)
             assert record.converged
-            results.append([*force, membrane.displacement(), np.array([record.iterations, record.residual])])
+            results.append([*force, system.displacement(), np.array([record.iterations, record.residual])])
     assert all(np.array_equal(a, b) for other in results[1:] for a, b in zip(results[0], other, strict=True))
     assert all(np.array_equal(results[0][0], force) for force in results[0][1:5])
 
@@ -264,9 +264,9 @@ def small_strain_stress() -> Floats:
     """Stress of strains of 1e-4 on top of a shift of 30 and an offset of 1000, in the running precision."""
     structure = closed_body(offset=1000.0)
     x, y, z = (structure.mesh.points - 1000.0).T
-    membrane = System(structure)
-    membrane.set_displacement(1e-4 * np.stack([x + 0.3 * y, 0.2 * y, z - x], axis=1) + [7.0, -30.0, 0.1])
-    return membrane.element_state().stress
+    system = System(structure)
+    system.set_displacement(1e-4 * np.stack([x + 0.3 * y, 0.2 * y, z - x], axis=1) + [7.0, -30.0, 0.1])
+    return system.element_state().stress
 
 
 SINGLE = """

@@ -50,12 +50,12 @@ def test_tangent_is_the_derivative_of_the_forces(moduli: dict[str, Any], side_st
     if slanted:
         random_axes = np.random.default_rng(1).normal(size=(mesh.node_count, 3, 3))
         frame = np.linalg.qr(random_axes)[0]
-    membrane = System(structure(mesh, FabricConstants(**moduli, side_strain=side_strain), held, frame))
-    membrane.set_pressures(np.array([0.7]))
+    system = System(structure(mesh, FabricConstants(**moduli, side_strain=side_strain), held, frame))
+    system.set_pressures(np.array([0.7]))
     start = np.random.default_rng(0).normal(size=mesh.points.shape) * 0.05
-    tangent = Tangent(membrane)
-    membrane.set_displacement(start)
-    assert min(np.bincount(membrane.element_state().state, minlength=3)) > 0
+    tangent = Tangent(system)
+    system.set_displacement(start)
+    assert min(np.bincount(system.element_state().state, minlength=3)) > 0
     free = ~held.ravel()
     matrix = tangent.matrix().toarray()[np.ix_(free, free)]
     step, differences = 1e-6, np.zeros_like(matrix)
@@ -64,8 +64,8 @@ def test_tangent_is_the_derivative_of_the_forces(moduli: dict[str, Any], side_st
         direction[node, axis] = 1.0
         forces = []
         for sign in (1.0, -1.0):
-            membrane.set_displacement(start + sign * step * membrane.from_frames(direction))
-            forces.append(membrane.in_frames(membrane.out_of_balance())[~held])
+            system.set_displacement(start + sign * step * system.from_frames(direction))
+            forces.append(system.in_frames(system.out_of_balance())[~held])
         differences[:, column] = (forces[1] - forces[0]) / (2 * step)
     # Truncation O(step²) and cancellation eps/step are both near 1e-10 of the stiffness.
     assert np.abs(differences - matrix).max() < 1e-8 * np.abs(matrix).max()
@@ -76,9 +76,9 @@ def test_negative_pivots_count_negative_eigenvalues() -> None:
     mesh = shapes.sphere(radius=1.0, divisions=2)
     held = np.zeros((mesh.node_count, 3), dtype=bool)
     held[3], held[5, 1], held[0, :2] = True, True, True
-    membrane = System(structure(mesh, FabricConstants(**ISOTROPIC), held))
-    tangent = Tangent(membrane)
-    membrane.set_pressures(np.array([-20.0]))  # sucked hard: the sphere is unstable
+    system = System(structure(mesh, FabricConstants(**ISOTROPIC), held))
+    tangent = Tangent(system)
+    system.set_pressures(np.array([-20.0]))  # sucked hard: the sphere is unstable
     eigenvalues = np.linalg.eigvalsh(tangent.matrix().toarray())
     assert tangent.solver.factorise(tangent.assemble()) is None
     factor = tangent.solver.factorise(tangent.assemble(), indefinite=True)
@@ -91,12 +91,12 @@ def test_convergence_is_quadratic() -> None:
     mesh = shapes.tube(radius=25.0, length=100.0, around=16, along=16)
     held = np.zeros((mesh.node_count, 3), dtype=bool)
     held[mesh.node_groups["start"]] = True
-    membrane = System(
+    system = System(
         structure(mesh, FabricConstants(e_warp=4000, e_weft=4000, poisson=0.1, shear=4000 / 2.2, thickness=0.1), held)
     )
-    membrane.set_pressures(np.array([0.35]))
+    system.set_pressures(np.array([0.35]))
     residuals: list[float] = []
-    record = Newton(membrane, Relaxation(membrane)).solve(
+    record = Newton(system, Relaxation(system)).solve(
         tolerance=1e-12,
         reference=float(np.linalg.norm(nodal_pressure(mesh, np.full(mesh.tri_count, 0.35)))),
         loads=np.zeros_like(mesh.points),

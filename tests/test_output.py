@@ -103,7 +103,7 @@ def test_history_has_a_row_per_step_and_units_in_distinct_headers(tmp_path: Path
         "step", "stage", "stage_step", "pressure.inside [MPa]", "load.pull [N]", "load.wind", "load.seam [N/mm]",
         "volume [mm³]", "tip [mm]", "foot [N]", "girth [mm]", "probe.volume [mm³]", "peak [MPa PK2]", "wrinkled",
         "taut_count", "wrinkled_count", "slack_count", "iterations", "residual", "potential_energy [N·mm]", "solver",
-        "converged", "reason", "cuts", "negative_pivots", "trace", "seconds",
+        "converged", "reason", "cuts", "negative_pivots", "stability", "trace", "seconds",
     ]  # fmt: skip
     assert len(rows) == 3
     row = dict(zip(rows[0], rows[2], strict=True))

@@ -25,7 +25,7 @@ from taichi_membrane.simulation.load_state import unloaded
 scene = load_scene(Path(sys.argv[1]), sys.argv[3:])
 work = Analysis(build_model(scene, build_mesh(scene)))
 if sys.argv[2] == "f32":
-    solve, membrane = work.equilibrium.solve, work.membrane
+    solve, membrane = work.equilibrium.solve, work.system
     def unlucky(*arguments, **options):  # ends with a split that is as good as any, but not the one that set_displacement makes
         record = solve(*arguments, **options)
         for field, sign in ((membrane.node_displacement, 1), (membrane.node_displacement_rest, -1)):

@@ -96,14 +96,14 @@ def test_the_whole_tangent_is_the_derivative_of_the_forces_and_its_solves_are_ex
     for k in np.flatnonzero(free):
         forces = []
         for sign in (1.0, -1.0):
-            newton.membrane.set_displacement(u + sign * step * identity[k])
+            newton.system.set_displacement(u + sign * step * identity[k])
             forces.append(newton.free_force().ravel())
         differences[:, k] = (forces[1] - forces[0]) / (2 * step)
     part = np.ix_(free, free)
     scale = 0.5 / 4  # the pressure's own stiffness: p times the length of a side
     assert np.abs(differences - whole)[part].max() < 1e-8 * np.abs(whole).max()
     assert np.abs(differences - symmetric)[part].max() > 0.05 * scale
-    newton.membrane.set_displacement(u)
+    newton.system.set_displacement(u)
     factor = newton.factorised(indefinite=True)
     assert isinstance(factor, SkewFactor)
     right = np.where(newton.free, np.random.default_rng(2).standard_normal(u.shape), 0.0)
@@ -126,13 +126,13 @@ def test_the_merit_is_minus_the_work_along_the_step(name: str) -> None:
     points, weights = np.polynomial.legendre.leggauss(12)
     work = 0.0
     for point, weight in zip(0.5 * (points + 1.0), 0.5 * weights, strict=True):
-        newton.membrane.set_displacement(u + point * step)
+        newton.system.set_displacement(u + point * step)
         work += weight * float(np.vdot(newton.free_force(), step))
-    newton.membrane.set_displacement(u)
-    before, skew = newton.membrane.potential_energy(loads)[0], newton.skew()
+    newton.system.set_displacement(u)
+    before, skew = newton.system.potential_energy(loads)[0], newton.skew()
     assert skew is not None
-    newton.membrane.set_displacement(u + step)
-    lost = before - newton.membrane.potential_energy(loads)[0]
+    newton.system.set_displacement(u + step)
+    lost = before - newton.system.potential_energy(loads)[0]
     assert lost - skew.work_beyond(u + step) == pytest.approx(work, rel=1e-9)
     assert abs(lost - work) > 1e-5 * abs(work)
     assert skew.work_beyond(u) == 0.0

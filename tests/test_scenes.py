@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from told import assert_told
 
 from taichi_membrane.execution.run import run
 from taichi_membrane.scene.file import load_scene, shipped_scenes
@@ -25,6 +26,7 @@ def test_shipped_scene_holds_its_checks(name: str) -> None:
     assert scene.checks, "a shipped scene checks itself"
     result = run(scene, base=path.parent)
     assert result.converged
+    assert_told(result)
     assert result.passed, [f"{c.probe}: {c.value} against {c.reference}" for c in result.checks if not c.passed]
 
 

@@ -11,9 +11,11 @@ from boxes import two_cells
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.execution.run import run
+from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import build_model
 from taichi_membrane.simulation.results import StepResult
 
@@ -133,3 +135,92 @@ def test_surfaces_that_bound_no_chamber_are_refused_with_place_and_groups(pressu
     with pytest.raises(InputError) as caught:
         build_model(box(pressures, derivatives=[], probes={}), two_cells(2))
     assert re.search(told, str(caught.value)), caught.value
+
+
+AMBIENT, EXPONENT = 10.0, 1.4
+SHUT: dict[str, Any] = {
+    name: {**surfaces, "ambient": AMBIENT, "exponent": EXPONENT} for name, surfaces in BOTH.items()
+} | {"outside": {"group": "b", "kind": "fixed"}}  # on the faces of b, from without
+
+
+def squeezed(a: float, b: float, outside: float) -> tuple[StepResult, StepResult]:
+    """The box blown up, then shut in both chambers and squeezed from without at b alone: the steps before and after."""
+    stages = [
+        {"name": "blow", "pressure": {"a": a, "b": b}},
+        {"name": "squeeze", "pressure": {"outside": -outside}, "closed": ["a", "b"]},
+    ]
+    first, last = run(box(SHUT, stages=stages, derivatives=["a", "b"]), mesh=two_cells(4)).steps
+    assert first.converged
+    assert last.converged, last.reason
+    return first, last
+
+
+def wall_forces(step: StepResult, a: float, b: float) -> tuple[Floats, Floats]:
+    """At nodes inside the wall, at a state: what pressures ``a`` and ``b`` do to them, and ∂V_a/∂x of the wall alone."""
+    mesh = two_cells(4)
+    model = build_model(box(SHUT), mesh)
+    system = System(model.structure)
+    system.set_displacement(step.displacement)
+    forces = []
+    for pressures in ((a, b), (0.0, 0.0)):
+        system.set_pressures(model.chamber_pressures(LoadState.of(pressure={"a": pressures[0], "b": pressures[1]})))
+        forces.append(system.out_of_balance())
+    triangles = mesh.triangles[mesh.tri_groups["wall"]]
+    outer = np.concatenate([mesh.triangles[mesh.tri_groups[name]].ravel() for name in "ab"])
+    inside = np.setdiff1d(triangles, outer)
+    assert len(inside) == 9
+    corners = (mesh.points + step.displacement)[triangles]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 6.0
+    gradient = np.zeros_like(mesh.points)
+    np.add.at(gradient, triangles, area[:, None, :])
+    return (forces[0] - forces[1])[inside], gradient[inside]
+
+
+def test_a_wall_bears_the_difference_of_its_sides(blown: StepResult) -> None:
+    """On a deformed wall: nothing where both sides have one pressure, (p_a - p_b) times its area vectors else."""
+    size = 0.5 * np.abs(wall_forces(blown, 0.0, 0.0)[1]).max()
+    alike, gradient = wall_forces(blown, 0.5, 0.5)
+    assert np.abs(alike).max() < 1e-14
+    assert size > 1e-3
+    for a, b in ((0.5, 0.2), (0.2, 0.5), (0.0, 0.3)):
+        push = wall_forces(blown, a, b)[0]
+        assert np.abs(push - (a - b) * gradient).max() < 1e-13
+
+
+def test_shut_chambers_side_by_side_keep_their_own_gas() -> None:
+    """Each p_abs Vⁿ; the wall, flat under one pressure, gives way to the chamber that is not squeezed, as far as p_b - p_a pushes.
+
+    What the wall carries is what balances its own tension: the forces without any pressure at its nodes.
+    """
+    first, last = squeezed(0.4, 0.4, 0.5)
+    middle = np.argmin(np.linalg.norm(two_cells(4).points - [1.0, 0.5, 0.5], axis=1))
+    assert abs(first.displacement[middle, 0]) < 1e-10
+    assert last.pressures["b"] > last.pressures["a"] > 0.4
+    assert last.displacement[middle, 0] < -1e-3
+    for name in "ab":
+        kept = [(step.pressures[name] + AMBIENT) * step.probes[name] ** EXPONENT for step in (first, last)]
+        assert kept[1] == pytest.approx(kept[0], rel=1e-11)
+    pushed, gradient = wall_forces(last, last.pressures["a"], last.pressures["b"])
+    assert np.abs(pushed - (last.pressures["a"] - last.pressures["b"]) * gradient).max() < 1e-13
+    model = build_model(box(SHUT), two_cells(4))
+    system = System(model.structure)
+    system.set_displacement(last.displacement)
+    mesh = model.structure.mesh
+    inside = np.setdiff1d(
+        mesh.triangles[mesh.tri_groups["wall"]],
+        np.concatenate([mesh.triangles[mesh.tri_groups[name]].ravel() for name in "ab"]),
+    )
+    tension = system.out_of_balance()[inside]
+    assert np.abs(tension + pushed).max() < 1e-10 * np.abs(pushed).max()
+    assert (last.stable, last.energy is not None) == (True, True)
+
+
+def test_derivatives_with_both_chambers_shut_are_those_of_finite_differences() -> None:
+    """By the pressure from without: volumes of both chambers, through the gas of both."""
+    _, last = squeezed(0.5, 0.2, 0.5)
+    (_, more), (_, less) = (squeezed(0.5, 0.2, 0.5 * (1.0 + share)) for share in (1e-4, -1e-4))
+    for name in "ab":
+        difference = -(more.probes[name] - less.probes[name]) / 1e-4
+        assert last.derivatives[name]["pressure.outside"] == pytest.approx(difference, rel=1e-6)
+        assert abs(difference) > 1e-3
+    assert set(last.derivatives["a"]) & {"pressure.a", "pressure.b"} == set()

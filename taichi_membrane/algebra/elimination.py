@@ -91,6 +91,13 @@ class Elimination:
         own, _, rows = self.sizes.T.astype(np.int64)
         return np.concatenate([[0], np.cumsum(own * rows)])
 
+    @cached_property
+    def pivots(self) -> Places:
+        """(3 · node_count,) place of each pivot among the numbers of the factor, in the order of elimination."""
+        own, _, rows = self.sizes.T.astype(np.int64)
+        within = np.arange(own.sum()) - np.repeat(np.cumsum(own) - own, own)
+        return np.repeat(self.panel_start[:-1], own) + within * np.repeat(rows + 1, own)
+
     def factor_entries(self) -> int:
         """Numbers that a factor stores."""
         return int(self.panel_start[-1])
@@ -108,6 +115,19 @@ class Elimination:
         within = np.arange(3)
         corner = row + column * rows
         return (corner[:, None, None] + within[:, None] + rows[:, None, None] * within).ravel()
+
+    @cached_property
+    def whole(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Places]:
+        """The whole matrix by rows of blocks: where each begins, the columns, and where the blocks' entries are among all given."""
+        nodes, within = np.arange(len(self.node_block)), np.arange(9)
+        column, row = self.edge_node.T
+        rows, columns = np.concatenate([nodes, row, column]), np.concatenate([nodes, column, row])
+        diagonal, below = (9 * blocks[:, None].astype(np.int64) for blocks in (self.node_block, self.edge_block))
+        above = below + within.reshape(3, 3).T.ravel()
+        entry = np.concatenate([diagonal + within, below + within, above])
+        order = np.lexsort((columns, rows))
+        start = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(nodes)))])
+        return start.astype(np.int32), columns[order].astype(np.int32), entry[order].ravel()
 
     @cached_property
     def additions(self) -> list[list[Addition]]:

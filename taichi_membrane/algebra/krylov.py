@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,17 +13,33 @@ from taichi_membrane.arrays import Floats
 _EXHAUSTED = 1e-15
 
 
-def gmres(product: Callable[[Floats], Floats], right: Floats, *, tolerance: float, most: int) -> Floats:
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What GMRES came to.
+
+    :param left: ‖b - A x‖/‖b‖ of the ``solution``, by the products' own account.
+    :param products: how many it took.
+    :param enough: whether ``left`` is what was asked for, or the space was exhausted; else the products were used up.
+    """
+
+    solution: Floats
+    left: float
+    products: int
+    enough: bool
+
+
+def gmres(product: Callable[[Floats], Floats], right: Floats, *, tolerance: float, most: int) -> Found:
     """Solution of A x = ``right`` with a residual of ``tolerance`` times it, or the best after ``most`` products.
 
     Y. Saad and M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986).
     """
     size = float(np.linalg.norm(right))
     if size == 0.0:
-        return right
+        return Found(right, 0.0, 0, True)
     basis: list[Floats] = [right / size]
     columns: list[Floats] = []
     share: Floats = np.zeros(0)
+    left, enough = size, False
     for k in range(1, min(most, len(right)) + 1):
         vector, column = product(basis[-1]), np.zeros(k + 1)
         for _ in range(2):  # once leaves round-off, twice is enough
@@ -38,7 +55,8 @@ def gmres(product: Callable[[Floats], Floats], right: Floats, *, tolerance: floa
         aim[0] = size
         share = np.asarray(np.linalg.lstsq(hessenberg, aim, rcond=None)[0], dtype=np.float64)
         left = float(np.linalg.norm(hessenberg @ share - aim))
-        if left <= tolerance * size or column[k] <= _EXHAUSTED * size:
+        enough = left <= tolerance * size or column[k] <= _EXHAUSTED * size or k == len(right)
+        if enough:
             break
         basis.append(vector / column[k])
-    return np.asarray(share @ np.array(basis[: len(share)]))
+    return Found(np.asarray(share @ np.array(basis[: len(share)])), left / size, len(columns), enough)

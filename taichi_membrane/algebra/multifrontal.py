@@ -11,14 +11,18 @@ import os
 import weakref
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from threading import Lock
+from typing import ClassVar
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import lapack
 
 from taichi_membrane.algebra import blas
 from taichi_membrane.algebra.elimination import Elimination, Group
+from taichi_membrane.algebra.refinement import SINGULAR, USELESS, refined, sure
 from taichi_membrane.arrays import Floats
 
 # A pivot below this share of its diagonal entry is round-off: the matrix is singular in double precision.
@@ -90,7 +94,8 @@ class Multifrontal:
         if not done:
             self.panel_memory.give(panels)
             return None
-        factor = Factor(self, blocks, panels, numeric.inverse, sum(numeric.negative.values()))
+        share = 0.0 if numeric.inverse else numeric.share()
+        factor = Factor(self, blocks, panels, numeric.inverse, sum(numeric.negative.values()), share)
         weakref.finalize(factor, self.panel_memory.give, panels).atexit = False
         # Pivots of a definite matrix are tested one by one; pairs of an indefinite one hide each other's cancellation.
         return None if numeric.inverse and factor.smallest() <= _ZERO else factor
@@ -105,6 +110,7 @@ class Factor:
         already multiplied by that inverse.
     :param inverse: inverse of the leading rows of fronts that are not positive definite.
     :param negative: number of negative eigenvalues.
+    :param share: the smallest pivot's share of its diagonal entry; 0 where the matrix is indefinite.
     """
 
     solver: Multifrontal
@@ -112,9 +118,25 @@ class Factor:
     panels: Floats
     inverse: dict[int, Floats]
     negative: int
+    share: float
+    doubt: ClassVar[str] = ""
+    refusal: ClassVar[str] = SINGULAR
 
-    def solve(self, right: Floats) -> Floats:
-        """Solution (n, 3) for a right-hand side (n, 3), by nodes."""
+    def solve(self, right: Floats, within: float = USELESS) -> Floats:
+        """Solution (n, 3) for a right-hand side (n, 3), by nodes; not a number where more than ``within`` of that is left."""
+        return self.substituted(right) if self.sure else refined(self.substituted, self.times, right, within)
+
+    @property
+    def sure(self) -> bool:
+        """Whether the pivots alone say that solutions are good."""
+        return sure(self.share, 3 * len(self.solver.elimination.node_block))
+
+    def solve_transposed(self, right: Floats, within: float = USELESS) -> Floats:
+        """The same: the matrix is symmetric."""
+        return self.solve(right, within)
+
+    def substituted(self, right: Floats) -> Floats:
+        """Solution by forward and back substitution."""
         order = self.solver.elimination.dissection.order
         x = np.ascontiguousarray(right[order], dtype=np.float64)
         with blas.one_thread():
@@ -124,23 +146,20 @@ class Factor:
         result[order] = x
         return result
 
-    def solve_transposed(self, right: Floats) -> Floats:
-        """The same: the matrix is symmetric."""
-        return self.solve(right)
-
     def times(self, vector: Floats) -> Floats:
         """The matrix times a vector (n, 3)."""
-        elimination = self.solver.elimination
-        column, row = elimination.edge_node.T
-        result = np.einsum("nij,nj->ni", self.blocks[elimination.node_block], vector)
-        below = self.blocks[elimination.edge_block]
-        for to, part in (
-            (row, np.einsum("nij,nj->ni", below, vector[column])),
-            (column, np.einsum("nji,nj->ni", below, vector[row])),
-        ):
-            for c in range(3):
-                result[:, c] += np.bincount(to, part[:, c], minlength=len(result))
-        return result
+        return np.asarray(self._matrix @ vector.reshape(-1)).reshape(vector.shape)
+
+    @cached_property
+    def _matrix(self) -> sparse.bsr_matrix:
+        """The matrix with both its triangles."""
+        start, column, entry = self.solver.elimination.whole
+        size = 3 * (len(start) - 1)
+        data = self.solver.memory.take(len(entry))
+        weakref.finalize(self, self.solver.memory.give, data).atexit = False
+        np.take(self.blocks.reshape(-1), entry, out=data[: len(entry)], mode="clip")
+        blocks = data[: len(entry)].reshape(-1, 3, 3)
+        return sparse.bsr_matrix((blocks, column, start), shape=(size, size), copy=False)
 
     def row_sizes(self) -> Floats:
         """(n,) largest entry in each node's three rows."""
@@ -165,7 +184,7 @@ class Factor:
         """
         root = np.sqrt(np.maximum(self.row_sizes(), np.finfo(float).tiny))[:, None]
         right = root * np.random.default_rng(0).standard_normal((len(root), 3))
-        solution = self.solve(right)
+        solution = self.substituted(right)
         length = float(np.linalg.norm(root * solution))
         return 1.0 / length if np.isfinite(length) and length > 0.0 else 0.0
 
@@ -214,7 +233,8 @@ class _Numeric:
         self.negative: dict[int, int] = {}
         elimination = solver.elimination
         diagonal = blocks[elimination.node_block[elimination.dissection.order]][:, np.arange(3), np.arange(3)]
-        self.least = _CANCELLED * diagonal.reshape(-1)
+        self.diagonal = diagonal.reshape(-1)
+        self.least = _CANCELLED * self.diagonal
 
     def run(self) -> bool:
         """Eliminate all fronts; False where one could not be."""
@@ -240,6 +260,11 @@ class _Numeric:
                         waits_for[waiting] -= 1
                         ready += [waiting] if waits_for[waiting] == 0 else []
         return True
+
+    def share(self) -> float:
+        """The smallest pivot's share of its diagonal entry, of a matrix that was found definite."""
+        pivots = self.panels[self.solver.elimination.pivots]
+        return float((pivots * pivots / self.diagonal).min(initial=1.0))
 
     def _eliminate(self, group: Group) -> bool:
         """Eliminate a group of fronts; False where one could not be."""

@@ -6,6 +6,7 @@ from typing import Protocol
 
 from taichi_membrane.algebra.elimination import Elimination, eliminate
 from taichi_membrane.algebra.multifrontal import Multifrontal
+from taichi_membrane.algebra.refinement import USELESS
 from taichi_membrane.arrays import Floats, Ints
 
 
@@ -14,13 +15,27 @@ class Factor(Protocol):
 
     @property
     def negative(self) -> int:
-        """Number of negative eigenvalues."""
+        """Number of negative eigenvalues; where the matrix is not symmetric of real ones, as far as they are found."""
 
-    def solve(self, right: Floats) -> Floats:
-        """x with K x = ``right``."""
+    @property
+    def doubt(self) -> str:
+        """What no negative eigenvalue leaves open of stability; empty where it means that the structure is stable."""
 
-    def solve_transposed(self, right: Floats) -> Floats:
-        """x with Kᵀ x = ``right``."""
+    @property
+    def refusal(self) -> str:
+        """Why the last solution that is not a number was refused."""
+
+    def solve(self, right: Floats, within: float = USELESS) -> Floats:
+        """x with K x = ``right``; not a number where more than ``within`` of it is left, see :mod:`.refinement`."""
+
+    def solve_transposed(self, right: Floats, within: float = USELESS) -> Floats:
+        """x with Kᵀ x = ``right``, likewise."""
+
+    def substituted(self, right: Floats) -> Floats:
+        """What the factor makes of ``right``, unproved: for products of many, and for directions of matrices near singular."""
+
+    def times(self, vector: Floats) -> Floats:
+        """K times a vector."""
 
     def residual(self, solution: Floats, right: Floats) -> float:
         """Backward error |b - K x|/(|K| |x| + |b|) of a solution, in largest components: round-off where it is right."""

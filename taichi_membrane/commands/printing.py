@@ -13,7 +13,15 @@ from rich.table import Table
 from rich.text import Text
 
 from taichi_membrane.mesh import survey
-from taichi_membrane.output.tables import Column, check_columns, error_text, step_columns, tolerance_text, with_unit
+from taichi_membrane.output.tables import (
+    Column,
+    check_columns,
+    error_text,
+    stability_notes,
+    step_columns,
+    tolerance_text,
+    with_unit,
+)
 from taichi_membrane.scene import Cable, Fabric, Scene, Stage
 from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, stage_values
 from taichi_membrane.scene.units import probe_unit
@@ -58,7 +66,8 @@ def _print_at_rest(console: Console, result: RunResult) -> None:
         what = (
             "frequencies [1/time]" if modes.kind == "vibration" else f"buckling at these shares of stage {step.stage}"
         )
-        values = ", ".join(f"{value:.6g}" for value in modes.values) or "none ahead"
+        values = ", ".join(f"{value:.6g}" for value in modes.values) or "none"
+        values += f" ({modes.missing})" if modes.missing else ""
         console.print()
         _print_wrapped(console, f"{what}, at {step.stage} {step.stage_step}:", values)
     with_derivatives = [step for step in result.steps if step.derivatives]
@@ -72,12 +81,9 @@ def _print_at_rest(console: Console, result: RunResult) -> None:
 
 
 def _print_unknown(console: Console, result: RunResult) -> None:
-    """Why stability is not known of load steps, a line for each reason."""
-    for why, steps in groupby(result.steps, key=lambda step: step.unknown.get("stable", "")):
-        numbers = [step.number for step in steps]
-        if why:
-            which = f"load step {numbers[0]}" if len(numbers) == 1 else f"load steps {numbers[0]} to {numbers[-1]}"
-            _print_wrapped(console, "stability", f"not told of {which}: {why}")
+    """Why stability is not known of load steps, or not all of it, a line for each reason."""
+    for which, why in stability_notes(result.steps):
+        _print_wrapped(console, "stability", f"{which}: {why}")
 
 
 def print_failed_steps(console: Console, result: RunResult) -> None:

@@ -6,10 +6,12 @@ To the tangent each chamber adds a dense but rank-one term κ b bᵀ, κ = n p_a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from taichi_membrane.algebra.protocol import Factor
+from taichi_membrane.algebra.refinement import SINGULAR, USELESS, refined
 from taichi_membrane.mechanics.preparation import Floats, Ints, volume_gradient
 from taichi_membrane.mechanics.system import System
 
@@ -18,7 +20,7 @@ from taichi_membrane.mechanics.system import System
 class ShutChamber:
     """A chamber whose valve is shut.
 
-    :param number: number of its pressure among the membrane's.
+    :param number: number of its pressure among the system's.
     :param triangles: numbers of the triangles that enclose it; ``sign`` (k,) 1 where their normals point out of it, else -1.
     :param rest_volume: volume they enclose at rest.
     :param ambient: absolute pressure outside.
@@ -55,31 +57,33 @@ class ShutChamber:
 
 
 class Gas:
-    """The closed chambers of a membrane."""
+    """The closed chambers of a system."""
 
-    def __init__(self, membrane: System, chambers: tuple[ShutChamber, ...]) -> None:
-        self.membrane = membrane
+    def __init__(self, system: System, chambers: tuple[ShutChamber, ...]) -> None:
+        self.system = system
         self.chambers = chambers
 
     def settle(self) -> None:
-        """Set the pressures that belong to the membrane's present volumes."""
-        pressures = self.membrane.pressures()
+        """Set the pressures that belong to the system's present volumes."""
+        pressures = self.system.pressures()
         for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
             pressures[chamber.number] = chamber.pressure_at(volume)
-        self.membrane.set_pressures(pressures)
+        self.system.set_pressures(pressures)
 
     def energy(self) -> float:
         """What the potential energy lacks that takes the present pressures for constant ones."""
-        pressures, total = self.membrane.pressures(), 0.0
+        pressures, total = self.system.pressures(), 0.0
         for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
             total += pressures[chamber.number] * (volume - chamber.rest_volume) - chamber.work(volume)
         return total
 
-    def coupled(self, factor: Factor) -> CoupledFactor:
-        """The factorised tangent with the chambers' terms; ``factor`` is that at constant pressures."""
-        gradients = [np.where(~self.membrane.structure.node_held, g, 0.0) for g in map(self._gradient, self.chambers)]
+    def coupled(self, factor: Factor) -> CoupledFactor | None:
+        """The factorised tangent with the chambers' terms; ``factor`` is that at constant pressures. None where it is singular."""
+        gradients = [np.where(~self.system.structure.node_held, g, 0.0) for g in map(self._gradient, self.chambers)]
         resistance = [c.resistance(v) for c, v in zip(self.chambers, self._volumes(), strict=True)]
         softened = [factor.solve(gradient) for gradient in gradients]
+        if not np.isfinite(softened).all():
+            return None
         inner = np.diag(1.0 / np.array(resistance))
         inner += np.array([[np.vdot(a, b) for b in softened] for a in gradients])
         # Sylvester's law on the bordered matrix, whose inertia can be read both ways.
@@ -87,14 +91,14 @@ class Gas:
         return CoupledFactor(factor, gradients, resistance, softened, inner, negative)
 
     def _volumes(self) -> list[float]:
-        swept = self.membrane.swept_volumes(self.membrane.displacement())
+        swept = self.system.swept_volumes(self.system.displacement())
         return [chamber.rest_volume + float(chamber.sign @ swept[chamber.triangles]) for chamber in self.chambers]
 
     def _gradient(self, chamber: ShutChamber) -> Floats:
         """(node_count, 3) ∂V/∂x in the supports' axes."""
-        mesh = self.membrane.structure.mesh
-        places = mesh.points + self.membrane.displacement()
-        return self.membrane.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles], chamber.sign))
+        mesh = self.system.structure.mesh
+        places = mesh.points + self.system.displacement()
+        return self.system.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles], chamber.sign))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,23 +114,33 @@ class CoupledFactor:
     softened: list[Floats]
     inner: Floats
     negative: int
+    doubt: ClassVar[str] = ""
+    refusal: ClassVar[str] = SINGULAR
 
-    def solve(self, right: Floats) -> Floats:
-        """Solution (n, 3) for a right-hand side (n, 3), by nodes."""
-        solution = self.factor.solve(right)
+    def solve(self, right: Floats, within: float = USELESS) -> Floats:
+        """Solution (n, 3) for a right-hand side (n, 3), by nodes; not a number where more than ``within`` of that is left."""
+        return refined(self.substituted, self.times, right, within)
+
+    def solve_transposed(self, right: Floats, within: float = USELESS) -> Floats:
+        """The same: the matrix is symmetric."""
+        return self.solve(right, within)
+
+    def substituted(self, right: Floats) -> Floats:
+        """Solution by the formula."""
+        solution = self.factor.substituted(right)
         shares = np.linalg.solve(self.inner, [np.vdot(gradient, solution) for gradient in self.gradients])
         for share, softened in zip(shares, self.softened, strict=True):
             solution = solution - share * softened
         return solution
 
-    def solve_transposed(self, right: Floats) -> Floats:
-        """The same: the matrix is symmetric."""
-        return self.solve(right)
+    def times(self, vector: Floats) -> Floats:
+        """The sum times a vector (n, 3)."""
+        return self.factor.times(vector) + self._gas_times(vector)
 
     def residual(self, solution: Floats, right: Floats) -> float:
         """Backward error of a solution, in largest components, over the size of the matrix without the gas."""
-        gas = sum(
-            stiffness * np.vdot(gradient, solution) * gradient
-            for stiffness, gradient in zip(self.resistance, self.gradients, strict=True)
-        )
-        return self.factor.residual(solution, right - gas)
+        return self.factor.residual(solution, right - self._gas_times(solution))
+
+    def _gas_times(self, vector: Floats) -> Floats:
+        parts = zip(self.resistance, self.gradients, strict=True)
+        return np.asarray(sum(stiffness * np.vdot(gradient, vector) * gradient for stiffness, gradient in parts))

@@ -14,16 +14,18 @@ curvature d·S d, as d·Z d = 0: the exact unsymmetric step goes down wherever S
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from taichi_membrane.algebra.krylov import gmres
+from taichi_membrane.algebra.krylov import Found, gmres
 from taichi_membrane.algebra.protocol import Factor
+from taichi_membrane.algebra.refinement import GOOD, USELESS, refined
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
 
@@ -34,8 +36,9 @@ _IN_PLANE = 1e-9
 _EQUAL = 1e-14
 # Residual of the linear solves, well below what derivatives are asked for; the iterations it may take (23 were seen at most).
 _TOLERANCE, _MOST = 1e-11, 400
-# Eigenvalues of K near zero that are looked at beyond those S has below zero.
-_NEIGHBOURS = 4
+# Eigenvalues of K near zero that are looked at beyond twice those S has below zero; all of so many freedoms.
+_NEIGHBOURS, _DENSE = 4, 30
+_FLUTTER = "flutter, which masses and damping decide, is not looked for"
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,14 +156,42 @@ class SkewFactor:
 
     factor: Factor
     skew: Skew
+    _short: list[Found] = field(default_factory=list)  # of the last solution, where GMRES used its products up
 
-    def solve(self, right: Floats) -> Floats:
-        """x with K x = ``right``."""
+    def solve(self, right: Floats, within: float = USELESS) -> Floats:
+        """x with K x = ``right``; not a number where more than ``within`` of that is left."""
+        return self._proved(self.substituted, self.times, right, within)
+
+    def solve_transposed(self, right: Floats, within: float = USELESS) -> Floats:
+        """x with Kᵀ x = ``right``, Kᵀ = S - Z, likewise."""
+        turned = partial(self._solve, transposed=True), partial(self.times, transposed=True)
+        return self._proved(*turned, right, within)
+
+    def _proved(
+        self, solve: Callable[[Floats], Floats], times: Callable[[Floats], Floats], right: Floats, within: float
+    ) -> Floats:
+        """A solution that is refined; where GMRES used its products up it has to be good all the same."""
+        self._short.clear()
+        found = refined(solve, times, right, within)
+        if self._short and not float(np.linalg.norm(right - times(found))) <= GOOD * float(np.linalg.norm(right)):
+            return np.full_like(found, np.nan)
+        return found
+
+    @property
+    def refusal(self) -> str:
+        """Why the last solution was refused."""
+        if not self._short:
+            return self.factor.refusal
+        last = self._short[-1]
+        return f"GMRES over the free rim left {last.left:.1e} of its right-hand side after {last.products} products"
+
+    def substituted(self, right: Floats) -> Floats:
+        """x with K x = ``right``, as near as GMRES comes."""
         return self._solve(right, transposed=False)
 
-    def solve_transposed(self, right: Floats) -> Floats:
-        """x with Kᵀ x = ``right``, Kᵀ = S - Z."""
-        return self._solve(right, transposed=True)
+    def times(self, vector: Floats, *, transposed: bool = False) -> Floats:
+        """K, or Kᵀ, times a vector (n, 3)."""
+        return self.factor.times(vector) + self.skew.times(vector, transposed=transposed)
 
     def residual(self, solution: Floats, right: Floats) -> float:
         """Backward error of K x = b, over the size of S."""
@@ -172,37 +203,59 @@ class SkewFactor:
         def product(values: Floats) -> Floats:
             spread = np.zeros_like(right)
             spread[ends] = values.reshape(-1, 3)
-            return values + self.factor.solve(self.skew.times(spread, transposed=transposed))[ends].ravel()
+            turned = self.factor.substituted(self.skew.times(spread, transposed=transposed))
+            return values + turned[ends].ravel()
 
-        at_rim = gmres(product, self.factor.solve(right)[ends].ravel(), tolerance=_TOLERANCE, most=_MOST)
+        at_rim = gmres(product, self.factor.substituted(right)[ends].ravel(), tolerance=_TOLERANCE, most=_MOST)
+        if not at_rim.enough:
+            self._short.append(at_rim)
         spread = np.zeros_like(right)
-        spread[ends] = at_rim.reshape(-1, 3)
-        return self.factor.solve(right - self.skew.times(spread, transposed=transposed))
+        spread[ends] = at_rim.solution.reshape(-1, 3)
+        return self.factor.substituted(right - self.skew.times(spread, transposed=transposed))
 
-    @cached_property
+    @property
     def negative(self) -> int:
         """Negative real eigenvalues of K, as far as they are found.
 
         None where S has none, as x·K x = x·S x. Else among the eigenvalues nearest zero, through which a structure that becomes
         unstable without swinging has to go; pairs of complex ones, flutter, are not counted.
         """
+        return self._near_zero[0]
+
+    @property
+    def doubt(self) -> str:
+        """What no negative real eigenvalue leaves open: flutter always, and eigenvalues that were not looked at."""
+        return f"divergence only: {self._near_zero[1]}; {_FLUTTER}"
+
+    @cached_property
+    def _near_zero(self) -> tuple[int, str]:
+        """Number of negative real eigenvalues that are found, and what is known where there are none."""
         below = self.factor.negative
         if below == 0:
-            return 0
+            return 0, "nothing diverges, as the symmetric part of the tangent is positive definite"
         free = ~self.skew.structure.node_held
+        size = int(free.sum())
 
         def inverse_times(x: Floats) -> Floats:
-            return np.where(free, self.solve(np.where(free, x.reshape(free.shape), 0.0)), 0.0).ravel()
+            right = np.zeros(free.shape)
+            right[free] = x.ravel()
+            return self.substituted(right)[free]
 
-        operator = LinearOperator((free.size, free.size), matvec=inverse_times, dtype=np.float64)
-        start = np.where(free, np.random.default_rng(0).standard_normal(free.shape), 0.0).ravel()
-        wanted = min(2 * below + _NEIGHBOURS, int(free.sum()) - 2)
-        try:
-            inverse: Any = eigs(operator, k=wanted, which="LM", v0=start, return_eigenvectors=False)
-        except ArpackNoConvergence as error:
-            inverse = error.eigenvalues
+        wanted = size if size <= _DENSE else min(2 * below + _NEIGHBOURS, size - 2)
+        inverse: Any
+        if wanted == size:
+            inverse = np.linalg.eigvals(np.array([inverse_times(column) for column in np.eye(size)]).T)
+        else:
+            operator = LinearOperator((size, size), matvec=inverse_times, dtype=np.float64)
+            start = np.random.default_rng(0).standard_normal(size)
+            try:
+                inverse = eigs(operator, k=wanted, which="LM", v0=start, return_eigenvectors=False)
+            except ArpackNoConvergence as error:
+                inverse = error.eigenvalues
         real = np.abs(inverse.imag) <= _IN_PLANE * np.abs(inverse)
-        return int((real & (inverse.real < 0.0)).sum())
+        which = f"of the tangent's {size} eigenvalues" + (f" the {wanted} nearest zero" if wanted < size else "")
+        seen = "" if len(inverse) >= wanted else f", of which {len(inverse)} were found"
+        return int((real & (inverse.real < 0.0)).sum()), f"{which}{seen}: none is real and negative"
 
 
 def symmetric(factor: Factor) -> Factor:

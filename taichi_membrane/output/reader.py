@@ -252,7 +252,12 @@ def _modes(record: dict[str, Any], shape: Callable[[str], Floats]) -> ModeResult
     """Modes from their record and the arrays of the step's file."""
     shapes = [shape(f"{MODE}{number}") for number in range(1, len(record["values"]) + 1)]
     values = tuple(map(_number, record["values"]))
-    return ModeResult(kind=record["kind"], values=values, shapes=np.stack(shapes) if shapes else np.zeros((0, 0, 3)))
+    return ModeResult(
+        kind=record["kind"],
+        values=values,
+        shapes=np.stack(shapes) if shapes else np.zeros((0, 0, 3)),
+        missing=str(record.get("missing", "")),
+    )
 
 
 def _state(record: dict[str, Any], displacement: Floats, per_node: Callable[[str], Floats]) -> State:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_label, driver_names, driver_unit
@@ -94,8 +95,19 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
 def stability_text(step: StepResult) -> str:
     """The verdict on an equilibrium, with the number of unstable modes."""
     if step.stable is None:
-        return "not told"
+        return "not told" if step.negative_pivots is None else "no divergence"
     return "stable" if step.stable else f"unstable ({step.negative_pivots})"
+
+
+def stability_notes(steps: Sequence[StepResult]) -> list[tuple[str, str]]:
+    """Load steps in a row of whose stability not all is known, and why."""
+    notes = []
+    for (why, verdict), group in groupby(steps, lambda step: (step.unknown.get("stable", ""), stability_text(step))):
+        numbers = [step.number for step in group]
+        if why:
+            which = f"load step {numbers[0]}" if len(numbers) == 1 else f"load steps {numbers[0]} to {numbers[-1]}"
+            notes.append((f"{verdict} of {which}" if verdict == "not told" else which, why))
+    return notes
 
 
 def number_column(name: str, unit: str, values: list[float]) -> Column:

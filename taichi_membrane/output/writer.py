@@ -42,6 +42,7 @@ from taichi_membrane.output.reader import (
     is_run,
     summary_checksum,
 )
+from taichi_membrane.output.tables import stability_text
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
@@ -247,6 +248,7 @@ def _columns(scene: Scene, own_probes: Collection[str]) -> list[Column]:
         ("reason", lambda s: s.reason),
         ("cuts", lambda s: s.cuts),
         ("negative_pivots", lambda s: s.negative_pivots),
+        ("stability", stability_text),
         ("trace", lambda s: told(s.trace)),
         ("seconds", lambda s: s.seconds),
     ]
@@ -270,10 +272,19 @@ def _header(name: str, unit: str) -> str:
 def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
     """A load step in the summary: all but its arrays."""
     scalars = {key: value for key, value in vars(step).items() if key not in ("fields", "modes", "trace", "state")}
-    modes = None if step.modes is None else {"kind": step.modes.kind, "values": step.modes.values}
+    modes = (
+        None
+        if step.modes is None
+        else {
+            "kind": step.modes.kind,
+            "values": step.modes.values,
+            "missing": step.modes.missing,
+        }
+    )
     trace = [[one.event, one.share] for one in step.trace]
     return {
         **scalars,
+        "stable": step.stable,
         "trace": trace,
         "state": _state_record(step.state),
         "modes": modes,

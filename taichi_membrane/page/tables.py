@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from taichi_membrane.output.tables import check_columns, step_columns
+from taichi_membrane.output.tables import check_columns, stability_notes, step_columns
 from taichi_membrane.simulation.results import RunResult
 
 
@@ -67,6 +67,7 @@ def _steps(result: RunResult) -> Table:
     columns = step_columns(result.scene, result.steps)
     rows = list(zip(*(column.cells for column in columns), strict=True))
     note = "A row shows its step in the view. Residual: out-of-balance forces over applied forces."
+    note += "".join(f" Stability, {which}: {why}." for which, why in stability_notes(result.steps))
     return Table("steps", "Load steps", [c.header for c in columns], rows, range(len(rows)), note)
 
 
@@ -105,6 +106,7 @@ def _at_rest(result: RunResult) -> Table:
         where = f"{step.stage} {step.stage_step}"
         if step.modes is not None:
             rows += [[where, f"{step.modes.kind} mode {k}", f"{v:.6g}"] for k, v in enumerate(step.modes.values, 1)]
+            rows += [[where, f"{step.modes.kind} modes", step.modes.missing]] if step.modes.missing else []
         for probe, parts in step.derivatives.items():
             rows += [[where, f"d {probe} / d {parameter}", f"{value:.6g}"] for parameter, value in parts.items()]
     note = "Vibration: frequencies, one over the time unit of the density. Buckling: share of the stage at which it begins."

@@ -28,7 +28,8 @@ class Row:
     :param passed: whether all checks of the scene hold.
     :param probes: at the last load step that converged, which ``stage`` and ``stage_step`` name.
     :param limit: bounds of each pressure and load at the last largest stable load that was met; None where none was.
-    :param negative_eigenvalues: of the tangent at that load step: 0 stable; None where not counted.
+    :param negative_eigenvalues: of the tangent at that load step: 0 stable, or, without a potential, no divergence; None where not
+        counted.
     :param curve: x and y of the scene's curve.
     :param attempts: how often it was begun; more than 1 where workers died.
     :param memory: MiB held by its worker afterwards.

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+from taichi_membrane.mechanics.system import System
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
 from taichi_membrane.simulation.equilibrium import Equilibrium, Report
@@ -24,7 +25,7 @@ Limit = dict[str, tuple[float, float]]
 
 
 class Analysis:
-    """Runs the stages of a model on one membrane, step by step.
+    """Runs the stages of a model on one system, step by step.
 
     ``outcome`` tells how the stages ended; until they have, ``interrupted``.
     """
@@ -32,6 +33,11 @@ class Analysis:
     def __init__(self, model: Model) -> None:
         self.equilibrium = Equilibrium(model)
         self._settle(model)
+
+    @property
+    def membrane(self) -> System:
+        """Its system, by an older name."""
+        return self.system
 
     def take(self, model: Model) -> bool:
         """Go on with another model, at rest, in the kernels compiled for this one; False, and no change, where they do not fit."""
@@ -42,8 +48,8 @@ class Analysis:
 
     def _settle(self, model: Model) -> None:
         self.model = model
-        self.membrane, self.relaxation, self.newton = (
-            self.equilibrium.membrane,
+        self.system, self.relaxation, self.newton = (
+            self.equilibrium.system,
             self.equilibrium.relaxation,
             self.equilibrium.newton,
         )
@@ -168,7 +174,7 @@ class Analysis:
         assert newton is not None  # chosen_solver refuses arc length without it
         path = self.equilibrium.path(self.equilibrium.way(course.start, course.target))
         started = time.perf_counter()
-        origin = self.membrane.displacement()
+        origin = self.system.displacement()
         if had:
             point, length = _path_point(had[-1].state)
         else:
@@ -183,7 +189,7 @@ class Analysis:
                 if following is not None and following.factor > 1.0:
                     following = path.land(point, following, 1.0)
             if following is None:
-                self.membrane.set_displacement(origin if point is None else point.position)
+                self.system.set_displacement(origin if point is None else point.position)
                 reason = (
                     "the tangent is singular" if point is None else "the path is lost; the last equilibrium is kept"
                 )

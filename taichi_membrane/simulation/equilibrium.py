@@ -43,20 +43,25 @@ Report = Callable[[Progress], None] | None
 
 
 class Equilibrium:
-    """One membrane with its solvers."""
+    """One system with its solvers."""
 
     def __init__(self, model: Model) -> None:
-        self.membrane = System(model.structure)
-        self.relaxation = Relaxation(self.membrane)
-        self.contact = Contact(self.membrane, self.relaxation)
+        self.system = System(model.structure)
+        self.relaxation = Relaxation(self.system)
+        self.contact = Contact(self.system, self.relaxation)
         self._made: Newton | None = None
         self._settle(model)
 
+    @property
+    def membrane(self) -> System:
+        """Its system, by an older name."""
+        return self.system
+
     def take(self, model: Model) -> bool:
         """Go on with another model, at rest, in the kernels compiled for this one; False, and no change, where they do not fit."""
-        fits = self.membrane.accepts(model.structure)
+        fits = self.system.accepts(model.structure)
         if fits:
-            self.membrane.upload(model.structure)
+            self.system.upload(model.structure)
             self.contact.upload()
             self._settle(model)
         return fits
@@ -67,7 +72,7 @@ class Equilibrium:
         self.kind = chosen_solver(model).kind
         if self.kind != "relaxation":
             if self._made is None or not self._made.tangent.accepts(model.structure):
-                self._made = Newton(self.membrane, self.relaxation)
+                self._made = Newton(self.system, self.relaxation)
             else:
                 self._made.upload()
         self.newton = self._made if self.kind != "relaxation" else None
@@ -85,26 +90,26 @@ class Equilibrium:
             self.relaxation.compile()
         else:
             self.newton.compile()
-        self.membrane.out_of_balance()
-        self.membrane.potential_energy(np.zeros((self.membrane.node_count, 3)))
-        self.membrane.element_state()
+        self.system.out_of_balance()
+        self.system.potential_energy(np.zeros((self.system.node_count, 3)))
+        self.system.element_state()
 
     def apply(self, state: LoadState) -> None:
         """Set pressures, loads and prescribed displacements."""
         if self.model.motions:
-            self.membrane.set_displacement(self.model.moved(self.membrane.displacement(), state))
+            self.system.set_displacement(self.model.moved(self.system.displacement(), state))
         self.press(state)
 
     def press(self, state: LoadState) -> None:
         """Set pressures and loads."""
-        self.membrane.set_pressures(self.model.chamber_pressures(state))
-        self.membrane.set_loads(self.model.nodal_loads(state))
+        self.system.set_pressures(self.model.chamber_pressures(state))
+        self.system.set_loads(self.model.nodal_loads(state))
         if self.gas is not None:
             self.gas.settle()
 
     def shut(self, names: Sequence[str], state: LoadState) -> None:
         """Shut the valves of the named chambers at the present state, a load state's equilibrium, and open all others."""
-        swept = self.membrane.swept_volumes(self.membrane.displacement()) if names else np.zeros(0)
+        swept = self.system.swept_volumes(self.system.displacement()) if names else np.zeros(0)
         found = {}
         for name in names:
             chamber = self.model.chambers[self.model.pressure_names.index(name)]
@@ -136,7 +141,7 @@ class Equilibrium:
                     pressure=value,
                 )
             )
-        self.gas = Gas(self.membrane, tuple(chambers)) if chambers else None
+        self.gas = Gas(self.system, tuple(chambers)) if chambers else None
         if self.newton is not None:
             self.newton.fill(self.gas)
 
@@ -144,7 +149,7 @@ class Equilibrium:
         """A load state with the pressures of shut chambers as they now are."""
         if self.gas is None:
             return state
-        now = self.membrane.pressures()
+        now = self.system.pressures()
         names = {f"pressure.{self.model.pressure_names[one.number]}": one.number for one in self.gas.chambers}
         return LoadState({**state.values, **{name: float(now[number]) for name, number in names.items()}})
 
@@ -165,23 +170,23 @@ class Equilibrium:
         """
         if self.newton is not None:
             return LoadStep(self, before, after, stiffest or Stiffest(), snaps=snaps, report=report).run()
-        start = self.membrane.displacement()
+        start = self.system.displacement()
         record = self.solve(after, report)
         if record.converged:
             return Reached(record, 1.0, trace=(Passage(event="relaxed", share=1.0),))
         trouble = self.trouble()
-        self.membrane.set_displacement(start)
+        self.system.set_displacement(start)
         return Reached(record, 0.0, trouble=trouble)
 
     def trouble(self) -> str:
         """Where the present state, which is no equilibrium, is worst: nodes out of balance and the element strained most."""
-        force = np.where(self.model.structure.node_held, 0.0, self.membrane.in_frames(self.membrane.out_of_balance()))
+        force = np.where(self.model.structure.node_held, 0.0, self.system.in_frames(self.system.out_of_balance()))
         size = np.linalg.norm(force, axis=1)
         lost = np.flatnonzero(~np.isfinite(size))
         if lost.size:
             return f"forces at {lost.size} of {size.size} nodes are not finite, the first is node {lost[0]}"
         worst = np.argsort(-size, kind="stable")[:_WORST_NODES]
-        strain = np.abs(self.membrane.element_state().strain).max(axis=1)
+        strain = np.abs(self.system.element_state().strain).max(axis=1)
         return (
             f"furthest out of balance: nodes {', '.join(map(str, worst))}; "
             f"largest strain: {strain.max():.3g} in element {strain.argmax()}"
@@ -209,12 +214,12 @@ class Equilibrium:
             balanced = parts[-1].converged and self.gas is None  # relaxation keeps pressures as they are
             if balanced or parts[-1].reason == "not finite":
                 break
-            start = self.membrane.displacement()
+            start = self.system.displacement()
             patience = _NEWTON_LIMIT if dose == _DOSES[-1] else _NEWTON_PATIENCE  # nothing takes over from the last one
             parts.append(self._newton(self.newton, state, reference, patience, report))
             if parts[-1].converged:
                 break
-            self.membrane.set_displacement(start)
+            self.system.set_displacement(start)
         return joined(*parts)
 
     def _relax(self, reference: Reference, limit: int, report: Report) -> SolveRecord:
@@ -272,14 +277,14 @@ class Equilibrium:
         nothing, and that is what the residual is compared with. Below the round-off of strains of size ε u/ℓ, forces of ε ‖2 M u‖
         with the fictitious masses M that bound the stiffness, nothing is told; the tolerance is :data:`_ROUND_OFFS` of these.
         """
-        held, membrane = self.model.structure.node_held, self.membrane
-        bound = 2.0 * self.relaxation.masses()[:, None] * membrane.displacement()
-        share = min(_ROUND_OFFS * float(np.finfo(membrane.dtype).eps) / self.tolerance, 1.0)
+        held, system = self.model.structure.node_held, self.system
+        bound = 2.0 * self.relaxation.masses()[:, None] * system.displacement()
+        share = min(_ROUND_OFFS * float(np.finfo(system.dtype).eps) / self.tolerance, 1.0)
         floor = share * float(np.linalg.norm(bound))
-        called_up = float(np.linalg.norm(membrane.out_of_balance()))
+        called_up = float(np.linalg.norm(system.out_of_balance()))
 
         def now() -> float:
-            force = membrane.in_frames(membrane.out_of_balance())
+            force = system.in_frames(system.out_of_balance())
             carried = float(np.linalg.norm(np.where(held, force, 0.0)))
             least = called_up if carried <= self.tolerance * called_up else 0.0
             return max(carried, floor, least) or 1.0
@@ -288,4 +293,4 @@ class Equilibrium:
 
     def _applied(self, state: LoadState) -> float:
         """Size of the applied loads and of prestress; 0 where there are none."""
-        return float(np.hypot(self.model.reference_load(state), self.membrane.prestress_norm()))
+        return float(np.hypot(self.model.reference_load(state), self.system.prestress_norm()))

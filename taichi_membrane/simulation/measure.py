@@ -26,8 +26,11 @@ class AtRest:
     """What the factorised tangent at an equilibrium tells; nothing where there is none."""
 
     negative_pivots: int | None = None
+    doubt: str = ""
     derivatives: dict[str, dict[str, float]] = field(default_factory=dict)
     modes: ModeResult | None = None
+    no_derivatives: str = ""
+    no_modes: str = ""
 
 
 class Measure:
@@ -36,7 +39,7 @@ class Measure:
     def __init__(self, equilibrium: Equilibrium) -> None:
         self.model = equilibrium.model
         self.equilibrium = equilibrium
-        self.membrane = equilibrium.membrane
+        self.system = equilibrium.system
         self._has_energy = all(fabric.law != "clip" for fabric in self.model.structure.fabrics)
 
     def step(
@@ -52,7 +55,7 @@ class Measure:
         *,
         limit: dict[str, tuple[float, float]] | None = None,
     ) -> StepResult:
-        """The record of step ``k`` of a stage, at the membrane's present state.
+        """The record of step ``k`` of a stage, at the system's present state.
 
         :param share: how far along the stage's course the state is.
         :param started: when the step began, by :func:`time.perf_counter`.
@@ -61,12 +64,12 @@ class Measure:
         state = course.at(share)
         self.equilibrium.apply(state)
         state = self.equilibrium.settled(state)
-        displacement = self.membrane.displacement()
+        displacement = self.system.displacement()
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
-        self.membrane.set_displacement(displacement)
+        self.system.set_displacement(displacement)
         values = self._present(displacement).fields()
-        swept = self.membrane.swept_volumes(displacement)
+        swept = self.system.swept_volumes(displacement)
         volume = self.model.rest_volume + float((self.model.enclosing * swept).sum())
         energy = self._energy(state, displacement)
         at_rest = self._at_rest(stage, course, share) if record.converged else AtRest()
@@ -90,41 +93,41 @@ class Measure:
             limit=limit,
             derivatives=at_rest.derivatives,
             modes=at_rest.modes,
-            unknown=self._unknown(stage, course, at_rest, converged=record.converged, limited=limit is not None),
+            unknown=self._unknown(stage, at_rest, converged=record.converged, limited=limit is not None),
             state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
             seconds=time.perf_counter() - started,
-            cable_forces=np.zeros(0) if self.membrane.cables is None else self.membrane.cables.forces(),
+            cable_forces=np.zeros(0) if self.system.cables is None else self.system.cables.forces(),
             contact_forces=self._contact_forces(),
         )
         return probes.with_own(self.model, step)
 
     def _present(self, displacement: Floats) -> Present:
-        """The membrane's present state, downloaded."""
-        local = self.membrane.in_frames(-self.membrane.out_of_balance())
+        """The system's present state, downloaded."""
+        local = self.system.in_frames(-self.system.out_of_balance())
         return Present(
             structure=self.model.structure,
             displacement=displacement,
-            reaction=self.membrane.from_frames(np.where(self.model.structure.node_held, local, 0.0)),
-            elements=self.membrane.element_state(),
+            reaction=self.system.from_frames(np.where(self.model.structure.node_held, local, 0.0)),
+            elements=self.system.element_state(),
         )
 
     def _energy(self, state: LoadState, displacement: Floats) -> float | None:
-        """Potential energy at the membrane's present state; None where there is none."""
+        """Potential energy at the system's present state; None where there is none."""
         if not self._has_energy:
             return None
-        if self.equilibrium.rim.at(self.membrane.pressures(), displacement) is not None:
+        if self.equilibrium.rim.at(self.system.pressures(), displacement) is not None:
             return None  # follower pressure without a potential
-        energy = self.membrane.potential_energy(self.model.nodal_loads(state))[0]
+        energy = self.system.potential_energy(self.model.nodal_loads(state))[0]
         return energy if self.equilibrium.gas is None else energy + self.equilibrium.gas.energy()
 
     def _contact_forces(self) -> dict[str, float]:
         """What each plane pushes with, all in all."""
-        named = zip(self.model.scene.planes, self.membrane.planes, strict=True)
+        named = zip(self.model.scene.planes, self.system.planes, strict=True)
         return {name: float(plane.push().sum()) for name, plane in named}
 
     def again(self, step: StepResult) -> None:
-        """Bring the membrane back to the state that a step left it in."""
-        self.membrane.set_displacement(step.state.displacement)
+        """Bring the system back to the state that a step left it in."""
+        self.system.set_displacement(step.state.displacement)
         self.equilibrium.apply(LoadState(step.state.drivers))
         if step.converged:
             # Handed on to the next step; a new one of a barely definite matrix may be refused.
@@ -149,20 +152,28 @@ class Measure:
         newton, asked, factor = self.equilibrium.newton, self._modes_asked(stage.name), self._tangent(stage.name)
         if newton is None or factor is None:
             return AtRest()
-        displacement = self.membrane.displacement()
+        displacement = self.system.displacement()
         shut = () if self.equilibrium.gas is None else tuple(one.number for one in self.equilibrium.gas.chambers)
-        found = sensitivity.derivatives(self.model, newton, factor, displacement, shut)
-        shapes = None
-        if asked is not None and asked.kind == "vibration":
-            shapes = modes.vibration(newton, factor, self._mass, asked)
-        elif asked is not None and course.start != course.target:
-            path = self.equilibrium.path(self.equilibrium.way(course.start, course.target))
-            shapes = modes.buckling(path, displacement, share, factor, asked)
-        return AtRest(factor.negative, found, shapes)
+        found, no_derivatives = sensitivity.derivatives(self.model, newton, factor, displacement, shut)
+        shapes, no_modes = None, ""
+        try:
+            if asked is not None and asked.kind == "vibration":
+                shapes = modes.vibration(newton, factor, self._mass, asked)
+            elif asked is not None and factor.negative:
+                no_modes = "buckling is that of a stable state"
+            elif asked is not None and course.start != course.target:
+                path = self.equilibrium.path(self.equilibrium.way(course.start, course.target))
+                shapes = modes.buckling(path, displacement, share, factor, asked)
+            elif asked is not None:
+                no_modes = "the stage changes nothing"
+        except ArithmeticError as error:
+            no_modes = str(error)
+        return AtRest(
+            negative_pivots=factor.negative, doubt=factor.doubt, derivatives=found, modes=shapes,
+            no_derivatives=no_derivatives, no_modes=no_modes,
+        )  # fmt: skip
 
-    def _unknown(
-        self, stage: Stage, course: Course, found: AtRest, *, converged: bool, limited: bool
-    ) -> dict[str, str]:
+    def _unknown(self, stage: Stage, found: AtRest, *, converged: bool, limited: bool) -> dict[str, str]:
         """Why there is no value of what a step could tell."""
         scene, newton = self.model.scene, self.equilibrium.newton
         if not converged:
@@ -176,16 +187,17 @@ class Measure:
         reasons = {}
         if found.negative_pivots is None:
             reasons["stable"] = why
+        elif found.negative_pivots == 0 and found.doubt:
+            reasons["stable"] = found.doubt
         if not found.derivatives:
-            reasons["derivatives"] = why if scene.derivatives else "the scene asks for none"
+            reasons["derivatives"] = (found.no_derivatives or why) if scene.derivatives else "the scene asks for none"
         if found.modes is None:
-            asked = self._modes_asked(stage.name)
-            still = found.negative_pivots is not None and course.start == course.target
-            reasons["modes"] = (
-                "the scene asks for none here" if asked is None else "the stage changes nothing" if still else why
-            )
+            asked = self._modes_asked(stage.name) is not None
+            reasons["modes"] = (found.no_modes or why) if asked else "the scene asks for none here"
         if not limited:
-            reasons["limit"] = why if newton is None or not converged else "none was met"
+            met = "no divergence was met, and flutter is not looked for" if found.doubt else "none was met"
+            met = "by arc length limits are passed" if stage.control == "arc_length" else met
+            reasons["limit"] = why if newton is None or not converged else met
         return reasons
 
     @cached_property

@@ -10,7 +10,6 @@ from scipy.sparse import diags
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from taichi_membrane.algebra.protocol import Factor
-from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Floats, sum_to_nodes
 from taichi_membrane.scene import Modes
 from taichi_membrane.simulation.model import Model
@@ -36,14 +35,16 @@ def vibration(newton: Newton, factor: Factor, mass: Floats, asked: Modes) -> Mod
     """Small vibrations in vacuo about the present state: K φ = ω² M φ; the values are frequencies ω/2π.
 
     A negative value stands for an unstable mode, whose growth rate over 2π it is.
+
+    :raises ArithmeticError: the tangent is singular to round-off.
     """
     free = newton.free.ravel()
     stiffness, masses = _free_matrix(newton), diags(np.repeat(mass, 3)[free])
-    squared, shapes = _eigenpairs(
+    squared, shapes, missing = _eigenpairs(
         stiffness, masses, asked.count, largest=False, sigma=0.0, OPinv=_inverse(newton, factor), which="LM"
     )
     values = np.sign(squared) * np.sqrt(np.abs(squared)) / (2.0 * np.pi)
-    return ModeResult(kind="vibration", values=tuple(values.tolist()), shapes=_shapes(newton, shapes))
+    return ModeResult(kind="vibration", values=tuple(values.tolist()), shapes=_shapes(newton, shapes), missing=missing)
 
 
 def buckling(path: Path, position: Floats, present: float, factor: Factor, asked: Modes) -> ModeResult:
@@ -51,40 +52,49 @@ def buckling(path: Path, position: Floats, present: float, factor: Factor, asked
 
     K' is the change of the tangent with the share, by central differences along the path's own direction. The values are
     ``present`` + μ; only those ahead are given.
+
+    :raises ArithmeticError: the tangent is singular to round-off.
     """
-    newton, membrane = path.newton, path.membrane
+    newton, system = path.newton, path.newton.system
     tangent = path.tangent(factor, present)
+    if not np.isfinite(tangent).all():
+        raise ArithmeticError(factor.refusal)
     change = []
     for sign in (1.0, -1.0):
-        membrane.set_displacement(membrane.retract(position, sign * _CHANGE * tangent))
+        system.set_displacement(system.retract(position, sign * _CHANGE * tangent))
         path.apply(present + sign * _CHANGE)
         change.append(_free_matrix(newton))
-    membrane.set_displacement(position)
+    system.set_displacement(position)
     path.apply(present)
     stiffness = _free_matrix(newton)
     softening = (change[1] - change[0]) / (2.0 * _CHANGE)
-    inverse, shapes = _eigenpairs(
+    inverse, shapes, missing = _eigenpairs(
         softening, stiffness, asked.count, largest=True, Minv=_inverse(newton, factor), which="LA"
     )
     ahead = inverse > 0.0
     values = tuple((present + 1.0 / inverse[ahead]).tolist())
-    return ModeResult(kind="buckling", values=values, shapes=_shapes(newton, shapes[:, ahead]))
+    if not ahead.all():
+        told = f"{len(values)} of the {len(inverse)} found are ahead of the present load"
+        missing = f"{missing}; {told}" if missing else told
+    return ModeResult(kind="buckling", values=values, shapes=_shapes(newton, shapes[:, ahead]), missing=missing)
 
 
-def _eigenpairs(matrix: Any, weight: Any, count: int, *, largest: bool, **lanczos: Any) -> tuple[Floats, Floats]:
-    """Lowest, or largest first, eigenpairs of A φ = μ B φ: by Lanczos, and for a few degrees of freedom by dense algebra."""
-    size = matrix.shape[0]
+def _eigenpairs(matrix: Any, weight: Any, count: int, *, largest: bool, **lanczos: Any) -> tuple[Floats, Floats, str]:
+    """Lowest, or largest first, eigenpairs of A φ = μ B φ, and why there are fewer than asked: by Lanczos, and for a few degrees
+    of freedom by dense algebra."""
+    size, missing = matrix.shape[0], ""
     if size <= max(_DENSE, count + 1):
         values, vectors = eigh(matrix.toarray(), weight.toarray())
+        if size < count:
+            missing = f"{size} of {count} modes: there are no more degrees of freedom"
     else:
         try:
             values, vectors = eigsh(matrix, k=count, M=weight, v0=_start(size), **lanczos)
         except ArpackNoConvergence as error:
-            raise InputError(
-                f"modes.count: {len(error.eigenvalues)} of {count} modes converged; ask for fewer"
-            ) from error
+            values, vectors = error.eigenvalues, error.eigenvectors
+            missing = f"{len(values)} of {count} modes converged"
     order = np.argsort(-values if largest else values)[:count]
-    return values[order], vectors[:, order]
+    return values[order], vectors[:, order], missing
 
 
 def _free_matrix(newton: Newton) -> Any:
@@ -100,7 +110,10 @@ def _inverse(newton: Newton, factor: Factor) -> LinearOperator:
     def solve(vector: Floats) -> Floats:
         right = np.zeros(free.shape)
         right[free] = vector.ravel()
-        return factor.solve(right)[free]
+        solution = factor.solve(right)[free]
+        if not np.isfinite(solution).all():
+            raise ArithmeticError(factor.refusal)
+        return solution
 
     size = int(free.sum())
     return LinearOperator((size, size), matvec=solve, dtype=np.float64)
@@ -116,7 +129,7 @@ def _shapes(newton: Newton, vectors: Floats) -> Floats:
     shapes = np.zeros((vectors.shape[1], *newton.free.shape))
     for shape, vector in zip(shapes, vectors.T, strict=True):
         shape[newton.free] = vector
-        shape[:] = newton.membrane.from_frames(shape)
+        shape[:] = newton.system.from_frames(shape)
         largest = shape.ravel()[np.abs(shape).argmax()]
         shape /= largest
     return shapes

@@ -52,11 +52,13 @@ class ModeResult:
         unstable mode), or ``buckling``, with the share of the stage at which the extrapolated tangent becomes singular.
     :param values: in the order of importance: lowest frequency, or nearest buckling load, first.
     :param shapes: (len(values), n, 3) displacements, the largest of each being 1.
+    :param missing: why there are fewer than the scene asks for; empty where there are not.
     """
 
     kind: Literal["vibration", "buckling"]
     values: tuple[float, ...]
     shapes: Floats
+    missing: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +75,8 @@ class StepResult:
     :param converged: False marks a state that is *not* an equilibrium; ``reason`` says why.
     :param cuts: how often the step had to be halved.
     :param negative_pivots: negative eigenvalues of the tangent stiffness, 0 for a stable equilibrium; None where no tangent is
-        used.
+        used. Where pressure has no potential, negative real ones, as far as they are found: 0 means no divergence, and
+        ``unknown["stable"]`` says what that leaves open.
     :param limit: where the step met collapse, bounds of each pressure and load (``load.tip``) at the largest stable load; the
         step's own state is the equilibrium at the lower one.
     :param trace: what the step went through, each passage at a share of the stage's course.
@@ -111,7 +114,7 @@ class StepResult:
     @property
     def stable(self) -> bool | None:
         """Whether the equilibrium is stable; None where nothing is known of it, and ``unknown`` says why."""
-        return None if self.negative_pivots is None else self.negative_pivots == 0
+        return None if self.negative_pivots is None or "stable" in self.unknown else self.negative_pivots == 0
 
     def quantity(self, name: str) -> float:
         """What a curve plots: a probe, ``volume``, ``pressure`` (the first) or a driver such as ``load.tip``."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from taichi_membrane import scene as scenes
 from taichi_membrane.algebra.protocol import Factor
+from taichi_membrane.algebra.refinement import GOOD
 from taichi_membrane.mechanics.preparation import Floats, volume_gradient
 from taichi_membrane.simulation.groups import group_nodes
 from taichi_membrane.simulation.model import Model
@@ -19,44 +20,47 @@ from taichi_membrane.solvers.newton import Newton
 
 def derivatives(
     model: Model, newton: Newton, factor: Factor, displacement: Floats, shut: Collection[int]
-) -> dict[str, dict[str, float]]:
+) -> tuple[dict[str, dict[str, float]], str]:
     """Of each probe the scene names, by ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``, at the state at rest.
 
     :param shut: numbers of the chambers whose pressure follows their volume.
+    :return: none, and why, where one of the solutions is not good.
     """
     if not model.scene.derivatives:
-        return {}
+        return {}, "the scene asks for none"
     forces = dict(_force_derivatives(model, newton, shut))
     found = {}
     for name in model.scene.derivatives:
-        gradient = newton.membrane.in_frames(_gradient(model, name, displacement))
-        adjoint = factor.solve_transposed(np.where(newton.free, gradient, 0.0))
+        gradient = newton.system.in_frames(_gradient(model, name, displacement))
+        adjoint = factor.solve_transposed(np.where(newton.free, gradient, 0.0), GOOD)
+        if not np.isfinite(adjoint).all():
+            return {}, f"{factor.refusal} (more than {GOOD:g} of the gradient of {name} is left)"
         found[name] = {parameter: float(np.vdot(adjoint, force)) for parameter, force in forces.items()}
-    return found
+    return found, ""
 
 
 def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> Iterator[tuple[str, Floats]]:
     """∂F/∂θ at free components for each parameter; the forces are linear in every one, so that differences are exact."""
-    membrane = newton.membrane
+    system = newton.system
 
     def at_free(force: Floats) -> Floats:
-        return np.where(newton.free, membrane.in_frames(force), 0.0)
+        return np.where(newton.free, system.in_frames(force), 0.0)
 
     for driver, unit in model.unit_forces.items():
         yield driver, at_free(unit)
     present = newton.free_force()
-    values = membrane.pressures()
+    values = system.pressures()
     for number, name in enumerate(model.pressure_names):
         if number in shut:
             continue  # not prescribed
-        membrane.set_pressures(values + np.eye(len(values))[number])
+        system.set_pressures(values + np.eye(len(values))[number])
         yield f"pressure.{name}", newton.free_force() - present
-        membrane.set_pressures(values)
+        system.set_pressures(values)
     for number, (name, fabric) in enumerate(model.fabric_names()):
-        membrane.scale_thickness(number, 2.0)
+        system.scale_thickness(number, 2.0)
         label = "thickness" if len(model.fabric_names()) == 1 else f"thickness.{name}"
         yield label, (newton.free_force() - present) / fabric.thickness
-        membrane.scale_thickness(number, 1.0)
+        system.scale_thickness(number, 1.0)
 
 
 def _gradient(model: Model, name: str, displacement: Floats) -> Floats:

@@ -49,18 +49,24 @@ class Newton:
     :param algebra: solves its linear systems.
     """
 
-    def __init__(self, membrane: System, relaxation: Relaxation, algebra: Algebra = DIRECT) -> None:
-        self.membrane = membrane
+    def __init__(self, system: System, relaxation: Relaxation, algebra: Algebra = DIRECT) -> None:
+        self.system = system
         self.relaxation = relaxation
-        self.tangent = Tangent(membrane, algebra)
-        self.free: NDArray[np.bool_] = ~membrane.structure.node_held
+        self.tangent = Tangent(system, algebra)
+        self.free: NDArray[np.bool_] = ~system.structure.node_held
         self.shift = 0.0
         self.gas: Gas | None = None
-        self.rim = Rim.of(membrane.structure)
+        self.rim = Rim.of(system.structure)
+        self._refusal = ""  # why a linear solution of the present step was refused
         self._skew: Skew | None = None  # of the state that the present step starts from
         self._kept: tuple[Floats, Floats, Factor] | None = None
         self._lowest = 0.0
         self._mode: Floats | None = None
+
+    @property
+    def membrane(self) -> System:
+        """Its system, by an older name."""
+        return self.system
 
     def compile(self) -> None:
         """Compile the assembly kernels."""
@@ -81,7 +87,7 @@ class Newton:
         """
         started = time.perf_counter()
         self.shift, self._lowest, self._mode = 0.0, 0.0, None
-        position = self.membrane.displacement()
+        position = self.system.displacement()
         energy = self._restarted(loads)
         residual, reason, iteration = np.inf, "iteration limit", 0
         for iteration in range(max_iterations + 1):
@@ -103,9 +109,10 @@ class Newton:
                 energy = self._restarted(loads)
             if iteration == max_iterations:
                 break
+            self._refusal = ""
             found = self._step(position, energy, force, loads)
             if found is None:
-                reason = "no descent"
+                reason = f"no descent; {self._refusal}" if self._refusal else "no descent"
                 break
             position, energy = found
         return SolveRecord(
@@ -125,7 +132,7 @@ class Newton:
 
     def free_force(self) -> Floats:
         """(node_count, 3) out-of-balance forces at free components."""
-        return np.where(self.free, self.membrane.in_frames(self.membrane.out_of_balance()), 0.0)
+        return np.where(self.free, self.system.in_frames(self.system.out_of_balance()), 0.0)
 
     def factorised(self, *, indefinite: bool = False) -> Factor | None:
         """The present tangent, factorised; see :meth:`.LinearSolver.factorise`."""
@@ -136,7 +143,7 @@ class Newton:
 
     def skew(self) -> Skew | None:
         """Skew part of the present tangent; None where the present pressures have a potential."""
-        return self.rim.at(self.membrane.pressures(), self.membrane.displacement())
+        return self.rim.at(self.system.pressures(), self.system.displacement())
 
     def _whole(self, factor: Factor | None, skew: Skew | None) -> Factor | None:
         """The factorised sparse symmetric part with what shut chambers and pressures without a potential add."""
@@ -153,16 +160,16 @@ class Newton:
         """Potential energy at the present displacements, with the pressures of closed chambers set to what they are there."""
         if self.gas is not None:
             self.gas.settle()
-        energy = self.membrane.potential_energy(loads)[0]
+        energy = self.system.potential_energy(loads)[0]
         if self.gas is not None:
             energy += self.gas.energy()
         if self._skew is not None:
-            energy += self._skew.work_beyond(self.membrane.displacement())
+            energy += self._skew.work_beyond(self.system.displacement())
         return energy
 
     def _return(self, position: Floats) -> None:
         """Go back to displacements, and pressures, that a trial step has left."""
-        self.membrane.set_displacement(position)
+        self.system.set_displacement(position)
         if self.gas is not None:
             self.gas.settle()
 
@@ -174,14 +181,14 @@ class Newton:
         if self._kept is not None and self._is_here(self._kept):
             return self._kept[2]
         factor = self.factorised(indefinite=True)
-        self._kept = None if factor is None else (self.membrane.displacement(), self.membrane.pressures(), factor)
+        self._kept = None if factor is None else (self.system.displacement(), self.system.pressures(), factor)
         return factor
 
     def upload(self) -> None:
-        """Take over the structure that is now in the membrane's fields, all chambers open."""
+        """Take over the structure that is now in the system's fields, all chambers open."""
         self.tangent.upload()
-        self.free = ~self.membrane.structure.node_held
-        self.rim = Rim.of(self.membrane.structure)
+        self.free = ~self.system.structure.node_held
+        self.rim = Rim.of(self.system.structure)
         self._kept, self.gas, self._skew = None, None, None
 
     def _factor_at_rest(self) -> Factor | None:
@@ -191,9 +198,7 @@ class Newton:
 
     def _is_here(self, kept: tuple[Floats, Floats, Factor]) -> bool:
         """Whether displacements and pressures are those of a kept factor; dead loads do not enter the tangent."""
-        return np.array_equal(kept[0], self.membrane.displacement()) and np.array_equal(
-            kept[1], self.membrane.pressures()
-        )
+        return np.array_equal(kept[0], self.system.displacement()) and np.array_equal(kept[1], self.system.pressures())
 
     def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""
@@ -212,8 +217,8 @@ class Newton:
                 blocks = self.tangent.assemble() if blocks is None else blocks
                 factor = self._shifted(blocks, self.shift)
             if factor is not None:
-                direction = factor.solve(force)
-                lower = self._backtrack(position, energy, force, direction, loads)
+                direction = self._solution(factor, force)
+                lower = None if direction is None else self._backtrack(position, energy, force, direction, loads)
                 if lower is not None:
                     position, energy, fraction = lower
                     if self.shift > 0.0:
@@ -234,14 +239,24 @@ class Newton:
         if symmetric(factor).negative == 0:
             return None
         force = self.free_force()
-        direction, size, fraction = factor.solve(force), float(np.linalg.norm(force)), 1.0
+        direction, size, fraction = self._solution(factor, force), float(np.linalg.norm(force)), 1.0
+        if direction is None:
+            return None
         while fraction >= _SHORTEST_OUTRIGHT:
-            trial = self.membrane.retract(position, fraction * direction)
+            trial = self.system.retract(position, fraction * direction)
             self._return(trial)
             if float(np.linalg.norm(self.free_force())) <= (1.0 - _DECREASE * fraction) * size:
                 return trial, self._settled_energy(loads)
             fraction *= 0.5
         self._return(position)
+        return None
+
+    def _solution(self, factor: Factor, force: Floats) -> Floats | None:
+        """The step that balances a force; None where the factor's solution is refused."""
+        direction = factor.solve(force)
+        if np.isfinite(direction).all():
+            return direction
+        self._refusal = factor.refusal
         return None
 
     def _shifted(self, blocks: Floats, shift: float) -> Factor | None:
@@ -287,8 +302,8 @@ class Newton:
         self._skew = None  # that of the symmetric part
         mode = self._softest_mode()
         if mode is not None:
-            step = scaled(self.membrane, mode)
-            self._return(self.membrane.retract(self.membrane.displacement(), _DISTURBANCE * step))
+            step = scaled(self.system, mode)
+            self._return(self.system.retract(self.system.displacement(), _DISTURBANCE * step))
 
     def _softest_mode(self) -> Floats | None:
         """The mode of lowest curvature at the present state, from a shift that has just become definite."""
@@ -304,13 +319,13 @@ class Newton:
 
     def _push(self, position: Floats, energy: float, mode: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """The lower state along a mode, either way, as far as the energy keeps falling; None where it rises both ways."""
-        step = scaled(self.membrane, mode)
+        step = scaled(self.system, mode)
         best: tuple[Floats, float] | None = None
         for sign in (1.0, -1.0):
             fraction = _FIRST_PUSH
             while fraction <= 1.0:
-                trial = self.membrane.retract(position, sign * fraction * step)
-                self.membrane.set_displacement(trial)
+                trial = self.system.retract(position, sign * fraction * step)
+                self.system.set_displacement(trial)
                 reached = self._settled_energy(loads)
                 if reached >= (energy if best is None else best[1]):
                     break
@@ -343,16 +358,16 @@ class Newton:
         noise = _ENERGY_NOISE * max(abs(energy), slope)
         fraction = 1.0
         while fraction >= _SHORTEST:
-            trial = self.membrane.retract(position, fraction * direction)
-            self.membrane.set_displacement(trial)
+            trial = self.system.retract(position, fraction * direction)
+            self.system.set_displacement(trial)
             reached = self._settled_energy(loads)
             if np.isfinite(reached) and reached <= energy - _DECREASE * fraction * slope + noise:
                 best = (trial, reached, fraction)
                 gain = (energy - reached) / (fraction * (1.0 - 0.5 * fraction) * slope)
                 while gain < _POOR and fraction >= _SHORTEST and energy - reached > noise:
                     fraction *= 0.5
-                    trial = self.membrane.retract(position, fraction * direction)
-                    self.membrane.set_displacement(trial)
+                    trial = self.system.retract(position, fraction * direction)
+                    self.system.set_displacement(trial)
                     reached = self._settled_energy(loads)
                     if not reached < best[1] - noise:
                         break

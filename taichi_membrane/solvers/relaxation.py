@@ -44,11 +44,11 @@ _STAGNATION, _STAGNATION_FALL = 20_000, 0.9
 
 @ti.data_oriented
 class Relaxation:
-    """Dynamic relaxation of one membrane; owns velocities, masses and the energy history."""
+    """Dynamic relaxation of one system; owns velocities, masses and the energy history."""
 
-    def __init__(self, membrane: System) -> None:
-        m = membrane
-        self.membrane = m
+    def __init__(self, system: System) -> None:
+        m = system
+        self.system = m
         self.fp = m.fp
         self.two_levels = not runtime.current().on_cpu
         self.node_velocity = ti.Vector.field(3, m.fp, shape=m.node_count)
@@ -67,13 +67,13 @@ class Relaxation:
     @ti.func
     def free_part(self, i, force):
         """The force at a node with its held components removed."""
-        held = self.membrane.node_held[i]
+        held = self.system.node_held[i]
         local = force
-        if ti.static(self.membrane.features.slanted):
-            local = self.membrane.node_frame[i] @ force
+        if ti.static(self.system.features.slanted):
+            local = self.system.node_frame[i] @ force
         free = ti.Vector([local[c] * ti.cast(1 - held[c], self.fp) for c in ti.static(range(3))])
-        if ti.static(self.membrane.features.slanted):
-            free = self.membrane.node_frame[i].transpose() @ free
+        if ti.static(self.system.features.slanted):
+            free = self.system.node_frame[i].transpose() @ free
         return free
 
     @ti.func
@@ -82,27 +82,27 @@ class Relaxation:
         total = ti.Vector.zero(self.fp, 2)
         if ti.static(self.two_levels):
             ti.loop_config(serialize=True)
-            for group in range(self.membrane.bounds[None].groups):
+            for group in range(self.system.bounds[None].groups):
                 total += self.group_sum[group]
         else:
             ti.loop_config(serialize=True)
-            for block in range(self.membrane.bounds[None].node_blocks):
-                total += self.membrane.block_sum[block]
+            for block in range(self.system.bounds[None].node_blocks):
+                total += self.system.block_sum[block]
         return total
 
     @ti.func
     def sum_group(self, group):
         """Second level of the block sums."""
         total = ti.Vector.zero(self.fp, 2)
-        length = self.membrane.bounds[None].group_length
-        for block in range(group * length, ti.min((group + 1) * length, self.membrane.bounds[None].node_blocks)):
-            total += self.membrane.block_sum[block]
+        length = self.system.bounds[None].group_length
+        for block in range(group * length, ti.min((group + 1) * length, self.system.bounds[None].node_blocks)):
+            total += self.system.block_sum[block]
         self.group_sum[group] = total
 
     @ti.func
     def accelerate(self, i, gain, reference):
         """Velocity of node ``i`` half a step on (eq. 18); returns kinetic energy and squared residual over the reference."""
-        force = self.free_part(i, self.membrane.gathered_force(i))
+        force = self.free_part(i, self.system.gathered_force(i))
         self.node_force[i] = force
         mass = self.node_mass[i]
         velocity = self.node_velocity[i] + gain / mass * force
@@ -146,46 +146,46 @@ class Relaxation:
         """Move node ``i`` by one step (eq. 21), or back to the energy peak and to rest."""
         if self.control[None].peak == 1:
             before = self.node_velocity[i] - gain / self.node_mass[i] * self.node_force[i]
-            self.membrane.add_displacement(i, -self.control[None].back * before)
+            self.system.add_displacement(i, -self.control[None].back * before)
             self.node_velocity[i] = ti.Vector.zero(self.fp, 3)
         elif self.control[None].status == RUNNING:
-            self.membrane.add_displacement(i, self.node_velocity[i])
+            self.system.add_displacement(i, self.node_velocity[i])
 
     @ti.kernel
     def _iterate(self, tolerance: float, reference: float):
-        for term in ti.static(self.membrane.terms):
-            ti.loop_config(block_dim=self.membrane.block_dim)
+        for term in ti.static(self.system.terms):
+            ti.loop_config(block_dim=self.system.block_dim)
             for e in range(term.count()):
                 term.store_forces(e)
-        for block in range(self.membrane.bounds[None].node_blocks):
+        for block in range(self.system.bounds[None].node_blocks):
             if self.control[None].status == RUNNING:
                 gain = self.control[None].gain
                 total = ti.Vector.zero(self.fp, 2)
-                for i in range(self.membrane.first_node(block), self.membrane.first_node(block + 1)):
+                for i in range(self.system.first_node(block), self.system.first_node(block + 1)):
                     total += self.accelerate(i, gain, reference)
-                self.membrane.block_sum[block] = total
+                self.system.block_sum[block] = total
         if ti.static(self.two_levels):
-            for group in range(self.membrane.bounds[None].groups):
+            for group in range(self.system.bounds[None].groups):
                 self.sum_group(group)
         if self.control[None].status == RUNNING:
             total = self.total_of_blocks()
             self.judge(total[0], total[1], tolerance)
-        ti.loop_config(block_dim=self.membrane.block_dim)
-        for i in range(self.membrane.bounds[None].nodes):
+        ti.loop_config(block_dim=self.system.block_dim)
+        for i in range(self.system.bounds[None].nodes):
             self.move(i, self.control[None].gain)
         # The first velocity after a peak is half a step from rest.
         self.control[None].gain = ti.select(self.control[None].peak == 1, 0.5, 1.0)
 
     @ti.kernel
     def _refresh_mass(self, keep_larger: int):
-        for term in ti.static(self.membrane.terms):
-            ti.loop_config(block_dim=self.membrane.block_dim)
+        for term in ti.static(self.system.terms):
+            ti.loop_config(block_dim=self.system.block_dim)
             for e in range(term.count()):
                 term.store_bounds(e)
         self.control[None].mass_grew = 0
-        ti.loop_config(block_dim=self.membrane.block_dim)
-        for i in range(self.membrane.bounds[None].nodes):
-            mass = self.membrane.gathered_mass(i)
+        ti.loop_config(block_dim=self.system.block_dim)
+        for i in range(self.system.bounds[None].nodes):
+            mass = self.system.gathered_mass(i)
             if keep_larger == 1:
                 if mass >= _GROWTH * self.node_mass[i]:
                     self.control[None].mass_grew = 1  # whoever writes, it is the same number
@@ -203,7 +203,7 @@ class Relaxation:
     def masses(self) -> Floats:
         """(node_count,) fictitious masses at the present displacements; twice a mass bounds the stiffness at its node."""
         self._refresh_mass(0)
-        return self.node_mass.to_numpy()[: self.membrane.node_count].astype(np.float64)
+        return self.node_mass.to_numpy()[: self.system.node_count].astype(np.float64)
 
     def start_from_rest(self) -> None:
         """Forget velocities and energy history."""
@@ -219,7 +219,7 @@ class Relaxation:
 
         :param start: (node_count, 3) displacements that the solve began with: an unloaded structure ends with none.
         """
-        count = self.membrane.node_count
+        count = self.system.node_count
         mass, force, velocity = (
             one.to_numpy()[:count].astype(np.float64) for one in (self.node_mass, self.node_force, self.node_velocity)
         )
@@ -228,7 +228,7 @@ class Relaxation:
         unit = mass[:, None] / reference
         moving, moved, moved_before = (
             float((((unit * one) ** 2).sum(axis=1) / mass).sum())
-            for one in (velocity, self.membrane.displacement(), start)
+            for one in (velocity, self.system.displacement(), start)
         )
         work = float((((force / reference) ** 2).sum(axis=1) / mass).sum())
         # As K ≤ 4 M, a load moves the structure by at least a quarter of its ratio to the mass; prestress may not move it at all.
@@ -240,7 +240,7 @@ class Relaxation:
 
         Where the load meets the stiffest strain alone, the residual hides slow modes, so that they are not seen to swing.
         """
-        structure = self.membrane.structure
+        structure = self.system.structure
         to_tensor = np.array([1.0, 1.0, np.sqrt(0.5)])  # γ is √2 times the tensor's component
         ratios = []
         for k in np.unique(structure.tri_fabric):
@@ -263,7 +263,7 @@ class Relaxation:
         """
         started = time.perf_counter()
         self.start_from_rest()
-        start, aim = self.membrane.displacement(), tolerance
+        start, aim = self.system.displacement(), tolerance
         done, interval, next_refresh = 0, 1, 1
         best, best_at = np.inf, 0
         while done < max_iterations:

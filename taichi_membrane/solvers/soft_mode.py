@@ -22,7 +22,7 @@ def softest(
     value = 0.0
     for _ in range(iterations):
         right = bound * mode
-        mode = factor.solve(right)
+        mode = factor.substituted(right)  # the nearer to singular the better
         length = float(np.vdot(mode, bound * mode))
         value = float(np.vdot(mode, right)) / length - shift
         mode /= np.sqrt(length)
