@@ -609,7 +609,7 @@ def ways(before: LoadState, after: LoadState, **scene: Any) -> Way:
 def test_a_pressure_works_on_the_volume() -> None:
     """From any shape to any other its load displacement is its change times the volume swept: exactly, as volume is cubic."""
     way = ways(LoadState({"pressure.inside": 0.1}), LoadState({"pressure.inside": 0.3}))
-    membrane, random = way.membrane, np.random.default_rng(1)
+    membrane, random = way.system, np.random.default_rng(1)
     rests = []
     for share in (0.0, 1.0):
         moved = membrane.in_frames(random.normal(size=(membrane.node_count, 3)))
@@ -631,9 +631,9 @@ def test_a_turning_motion_acts_by_where_it_is() -> None:
     ends = [LoadState({"pressure.inside": 0.0, "motion.turn": angle}) for angle in (0.0, 360.0)]
     way = ways(*ends, motions=motions, supports=supports)
     way.press(0.25)
-    before = way.membrane.displacement()
+    before = way.system.displacement()
     force = way.force(0.25)
-    np.testing.assert_array_equal(way.membrane.displacement(), before)
+    np.testing.assert_array_equal(way.system.displacement(), before)
 
     def free(share: float) -> Floats:
         way.press(share)

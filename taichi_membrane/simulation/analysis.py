@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from taichi_membrane.mechanics.system import System
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
 from taichi_membrane.simulation.equilibrium import Equilibrium, Report
@@ -33,11 +32,6 @@ class Analysis:
     def __init__(self, model: Model) -> None:
         self.equilibrium = Equilibrium(model)
         self._settle(model)
-
-    @property
-    def membrane(self) -> System:
-        """Its system, by an older name."""
-        return self.system
 
     def take(self, model: Model) -> bool:
         """Go on with another model, at rest, in the kernels compiled for this one; False, and no change, where they do not fit."""

@@ -52,11 +52,6 @@ class Equilibrium:
         self._made: Newton | None = None
         self._settle(model)
 
-    @property
-    def membrane(self) -> System:
-        """Its system, by an older name."""
-        return self.system
-
     def take(self, model: Model) -> bool:
         """Go on with another model, at rest, in the kernels compiled for this one; False, and no change, where they do not fit."""
         fits = self.system.accepts(model.structure)

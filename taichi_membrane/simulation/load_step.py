@@ -97,10 +97,10 @@ class LoadStep:
         policy: Policy = POLICY,
     ) -> None:
         assert equilibrium.newton is not None
-        self.equilibrium, self.newton, self.membrane = equilibrium, equilibrium.newton, equilibrium.membrane
+        self.equilibrium, self.newton, self.system = equilibrium, equilibrium.newton, equilibrium.system
         self.stiffest, self.snaps, self.report, self.policy = stiffest, snaps, report, policy
         self.way = equilibrium.way(before, after)
-        self.start = self.membrane.displacement()
+        self.start = self.system.displacement()
         self.records: list[SolveRecord] = []
         self.trace: list[Passage] = []
 
@@ -112,7 +112,7 @@ class LoadStep:
             self.equilibrium.reference(self.way.after)
         )
         origin = self.way.rest(0.0) if balanced else None
-        if origin is None or not origin.stable or origin.stiffness is None or self.membrane.planes:
+        if origin is None or not origin.stable or origin.stiffness is None or self.system.planes:
             return self._direct()  # planes are rigid, but springs in the tangent, which foretells nothing then
         return self._walk(origin)
 
@@ -167,7 +167,7 @@ class LoadStep:
         """A stable equilibrium at an aim and how it compares with the last one; none, and ``failed``, where Newton finds none."""
         if known is not None and (kind := self._compare(a, known)) in ("consistent", "unknown"):
             return known, kind
-        self.membrane.set_displacement(a.position)
+        self.system.set_displacement(a.position)
         b = self._solve(aim)
         if b is None or b.negative:
             return None, "failed"
@@ -178,19 +178,19 @@ class LoadStep:
 
     def _at_apex(self, a: Rest) -> bool:
         """Whether nothing carries and compression is not borne: there stiffness depends on the direction of the least move."""
-        structure = self.membrane.structure
+        structure = self.system.structure
         if all(fabric.law == "none" for fabric in structure.fabrics) and structure.cables is None:
             return False
-        self.membrane.set_displacement(a.position)
+        self.system.set_displacement(a.position)
         stiffest = max(max(fabric.e_warp, fabric.e_weft) for fabric in structure.fabrics)
-        return float(np.abs(self.membrane.element_state().stress).max(initial=0.0)) <= _NO_STRESS * stiffest
+        return float(np.abs(self.system.element_state().stress).max(initial=0.0)) <= _NO_STRESS * stiffest
 
     def _off_apex(self, a: Rest) -> Rest | None:
         """A stable equilibrium just off a start that carries nothing, to compare with in its stead; None where none is found.
 
         It may cost as many iterations as the whole way has taken.
         """
-        self.membrane.set_displacement(a.position)
+        self.system.set_displacement(a.position)
         first = self._solve(2.0**-self.policy.parts, patience=self.records[-1].iterations)
         if first is None or not first.stable or first.stiffness is None:
             return None
@@ -207,20 +207,20 @@ class LoadStep:
 
     def _settle(self, share: float, *, relax: bool, patience: int | None = None) -> None:
         """Solve from the present state; by relaxation and Newton in turns where Newton alone fails and that is asked for."""
-        start, state = self.membrane.displacement(), self.way.at(share)
+        start, state = self.system.displacement(), self.way.at(share)
         self.records.append(self.equilibrium.solve(state, self.report, patience=patience))
         if not self.records[-1].converged and relax and self.equilibrium.kind == "hybrid":
-            self.membrane.set_displacement(start)
+            self.system.set_displacement(start)
             self.records.append(self.equilibrium.solve(state, self.report, relax=True))
 
     def _off(self, share: float, *, relax: bool) -> Rest | None:
         """Where an unstable equilibrium's softest mode leads to; that equilibrium itself where it leads nowhere."""
         self._pass("unstable", share)
-        unstable = self.membrane.displacement()
+        unstable = self.system.displacement()
         self.newton.disturb()
         self._settle(share, relax=relax)
         if not self.records[-1].converged:
-            self.membrane.set_displacement(unstable)
+            self.system.set_displacement(unstable)
         return self.way.rest(share)
 
     # ---- along the path
@@ -232,7 +232,7 @@ class LoadStep:
         """
         self._pass("path", a.share)
         path = self.equilibrium.path(self.way)
-        self.membrane.set_displacement(a.position)
+        self.system.set_displacement(a.position)
         begin = path.start(a.position, a.share)
         if begin is None or begin.negative > 0:
             return None
@@ -256,7 +256,7 @@ class LoadStep:
         if sum(one.event == "branch" for one in self.trace) >= self.policy.branches:
             self._pass("lost", end.last.factor)
             return None
-        return self._beyond(end) or self._collapsed(end)
+        return self._beyond(end) or self._within(end) or self._collapsed(end)
 
     def _land(self, path: Path, end: PathEnd) -> Rest | None:
         """The equilibrium at the aim, between two points of the path; verified as any other."""
@@ -264,7 +264,7 @@ class LoadStep:
         assert beyond is not None
         for _ in range(self.policy.landings):
             share = (1.0 - last.factor) / (beyond.factor - last.factor)
-            self.membrane.set_displacement(last.position + share * (beyond.position - last.position))
+            self.system.set_displacement(last.position + share * (beyond.position - last.position))
             found = self._solve(1.0)
             if found is not None and not found.negative and self._compare(self.way.of_point(last), found) != "jump":
                 self._pass("target", 1.0)
@@ -286,11 +286,23 @@ class LoadStep:
         if not self.snaps:
             return None
         assert end.upper is not None
-        self.membrane.set_displacement(end.last.position)
+        self.system.set_displacement(end.last.position)
         found = self._solve(min(1.0, end.upper + self.policy.above * self.way.load(end.upper)))
         if found is None or not found.stable:
             return None
         self._pass("snap", found.share)
+        return found
+
+    def _within(self, end: PathEnd) -> Rest | None:
+        """The aim itself, where it lies inside a limit's bracket and is reached."""
+        assert end.upper is not None
+        if end.upper < 1.0:
+            return None
+        self.system.set_displacement(end.last.position)
+        found = self._solve(1.0)
+        if found is None or not found.stable or self._compare(self.way.of_point(end.last), found) == "jump":
+            return None
+        self._pass("target", 1.0)
         return found
 
     def _branch(self, end: PathEnd) -> Rest | None:
@@ -303,7 +315,7 @@ class LoadStep:
         last, highest = self.way.of_point(end.last), self.policy.above * self.way.load(end.upper)
         for k in reversed(range(self.policy.approaches)):
             height = highest * _NEARER**-k
-            self.membrane.set_displacement(end.beyond.position)
+            self.system.set_displacement(end.beyond.position)
             self.newton.disturb()
             found = self._solve(end.upper + height)
             if found is not None and found.stable and found.share > 1.0:
@@ -318,7 +330,7 @@ class LoadStep:
         """What relaxation finds at the aim, where Newton and the path found nothing; verified as any other."""
         if self.equilibrium.kind != "hybrid":
             return None
-        self.membrane.set_displacement(a.position)
+        self.system.set_displacement(a.position)
         self.records.append(self.equilibrium.solve(self.way.after, self.report, relax=True))
         if not self.records[-1].converged:
             return None
@@ -333,7 +345,7 @@ class LoadStep:
     # ---- ends
 
     def _done(self, found: Rest) -> Reached:
-        self.membrane.set_displacement(found.position)
+        self.system.set_displacement(found.position)
         self.way.press(1.0)
         # What was tried in vain goes first: the record's verdict is that of its last part.
         records = sorted(self.records, key=lambda record: record.converged)
@@ -342,7 +354,7 @@ class LoadStep:
     def _collapsed(self, end: PathEnd) -> Reached:
         """At the last stable point below a limit."""
         assert end.upper is not None
-        self.membrane.set_displacement(end.last.position)
+        self.system.set_displacement(end.last.position)
         self.way.press(end.last.factor)
         return Reached(
             joined(*self.records, walked(end, again=True)),
@@ -360,7 +372,7 @@ class LoadStep:
 
     def _failed(self) -> Reached:
         trouble = self.equilibrium.trouble()
-        self.membrane.set_displacement(self.start)
+        self.system.set_displacement(self.start)
         if not self.records or self.records[-1].converged:
             reason = "the path is lost, and what load control finds lies beyond a jump"
             self.records.append(SolveRecord(False, reason, 0, float("nan"), 0.0, "arc length"))

@@ -67,7 +67,7 @@ class Way:
     """
 
     def __init__(self, newton: Newton, before: LoadState, after: LoadState, press: Callable[[LoadState], None]) -> None:
-        self.newton, self.membrane = newton, newton.membrane
+        self.newton, self.system = newton, newton.system
         self.before, self.after, self._press = before, after, press
         self.moves = before.motions != after.motions
 
@@ -86,7 +86,7 @@ class Way:
 
     def force(self, share: float) -> Floats:
         """Change of the free forces per share at the present displacements; leaves the load state at ``share`` set."""
-        position = self.membrane.displacement() if self.moves else None
+        position = self.system.displacement() if self.moves else None
         # Pressures and loads enter linearly, so that a whole way's difference is exact; motions do not.
         ahead, behind = (share + _DIFFERENCE, share - _DIFFERENCE) if self.moves else (share + 1.0, share)
         self.press(ahead)
@@ -94,14 +94,14 @@ class Way:
         self.press(behind)
         change = (more - self.newton.free_force()) / (ahead - behind)
         if position is not None:
-            self.membrane.set_displacement(position)
+            self.system.set_displacement(position)
             self.press(share)
         return np.asarray(change)
 
     def rest(self, share: float) -> Rest:
         """The present equilibrium at a share of the way; its factorised tangent is kept for the next step."""
         self.press(share)
-        position = self.membrane.displacement()
+        position = self.system.displacement()
         factor = self.newton.at_rest()
         force = self.force(share)
         if factor is None:
@@ -110,7 +110,7 @@ class Way:
 
     def of_point(self, point: PathPoint) -> Rest:
         """A point of the path along this way."""
-        self.membrane.set_displacement(point.position)
+        self.system.set_displacement(point.position)
         return self._rest(point.factor, point.position, self.force(point.factor), point.tangent, point.negative)
 
     def _rest(self, share: float, position: Floats, force: Floats, tangent: Floats, negative: int) -> Rest:
@@ -141,10 +141,10 @@ class Way:
 
         Exact for dead loads and for follower pressure, whose volume is cubic in u.
         """
-        position = self.membrane.displacement()
+        position = self.system.displacement()
         middle = 0.5 * (a.share + b.share)
-        self.membrane.set_displacement(0.5 * (a.position + b.position))
+        self.system.set_displacement(0.5 * (a.position + b.position))
         mean = (a.force + 4.0 * self.force(middle) + b.force) / 6.0
-        self.membrane.set_displacement(position)
+        self.system.set_displacement(position)
         self.press(b.share)
-        return float(np.vdot(mean, self.membrane.in_frames(b.position - a.position)))
+        return float(np.vdot(mean, self.system.in_frames(b.position - a.position)))

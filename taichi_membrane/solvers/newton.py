@@ -63,11 +63,6 @@ class Newton:
         self._lowest = 0.0
         self._mode: Floats | None = None
 
-    @property
-    def membrane(self) -> System:
-        """Its system, by an older name."""
-        return self.system
-
     def compile(self) -> None:
         """Compile the assembly kernels."""
         self.tangent.assemble()

@@ -91,7 +91,7 @@ class Path:
         tolerance: float,
     ) -> None:
         self.newton = newton
-        self.membrane = newton.membrane
+        self.system = newton.system
         self.apply, self.force, self.reference, self.tolerance = apply, force, reference, tolerance
 
     def start(self, position: Floats, factor: float) -> PathPoint | None:
@@ -124,7 +124,7 @@ class Path:
         the way is then shortened by a point in between.
         """
         for _ in range(_HALVINGS):
-            advance = self.membrane.in_frames(beyond.position - before.position)
+            advance = self.system.in_frames(beyond.position - before.position)
             share = (factor - before.factor) / (beyond.factor - before.factor)
             found = self._balanced(before.position + share * (beyond.position - before.position), factor, advance)
             if found is not None:
@@ -139,7 +139,7 @@ class Path:
         """Equilibrium at a fixed load factor, no further from a position than half the chord; None where there is none."""
         begin, near = position, 0.5 * float(np.linalg.norm(chord))
         for iteration in range(_MOST_ITERATIONS + 1):
-            self.membrane.set_displacement(position)
+            self.system.set_displacement(position)
             self.apply(factor)
             force = self.newton.free_force()
             residual = self._residual(force, factor)
@@ -148,7 +148,7 @@ class Path:
             stiffness = self.newton.factorised(indefinite=True)
             if stiffness is None:
                 break
-            position = self.membrane.retract(position, stiffness.solve(force))
+            position = self.system.retract(position, stiffness.solve(force))
             if not float(np.linalg.norm(position - begin)) <= near:  # not a number, too
                 break
         return None
@@ -159,8 +159,8 @@ class Path:
         factor = before.factor + slope
         lowest = np.inf
         for iteration in range(_MOST_ITERATIONS + 1):
-            position = self.membrane.retract(before.position, advance)
-            self.membrane.set_displacement(position)
+            position = self.system.retract(before.position, advance)
+            self.system.set_displacement(position)
             self.apply(factor)
             force = self.newton.free_force()
             residual = self._residual(force, factor)
@@ -190,7 +190,7 @@ class Path:
         self, position: Floats, factor: float, advance: Floats, iterations: int, residual: float
     ) -> PathPoint | None:
         """An equilibrium with its tangent; None where that is singular."""
-        self.membrane.set_displacement(position)
+        self.system.set_displacement(position)
         self.apply(factor)
         stiffness = self.newton.at_rest()
         if stiffness is None:

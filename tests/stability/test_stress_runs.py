@@ -41,9 +41,9 @@ def test_newton_alone_steps_where_the_load_stiffness_outweighs_the_fabric(bench:
     """At p R/(E t) = 1000 the tangent at rest is definite only with a shift above 2 M (its lowest eigenvalue is -2.2 M)."""
     problem = catalogue.CASES["burst"]().problem(1e3)
     work = bench._taken(bench._model(problem, "newton"))
-    work.membrane.set_pressures(np.array([1e3]))
+    work.system.set_pressures(np.array([1e3]))
     record = work.newton.solve(
-        tolerance=1e-6, reference=1e3, loads=np.zeros((work.membrane.node_count, 3)), max_iterations=100
+        tolerance=1e-6, reference=1e3, loads=np.zeros((work.system.node_count, 3)), max_iterations=100
     )
     assert (record.converged, record.reason) == (True, "residual")
 
@@ -109,10 +109,10 @@ def test_forces_whose_squares_vanish_are_not_taken_for_equilibrium(bench: Bench)
         # A scene admits no such moduli, but the engine has no scale of its own.
         soft = replace(fabric, e_warp=unit, e_weft=unit, shear=unit / 2.6)
         work = bench._taken(replace(model, structure=replace(model.structure, fabrics=(soft,))))
-        work.membrane.set_pressures(np.array([0.5 * unit]))
+        work.system.set_pressures(np.array([0.5 * unit]))
         record = work.relaxation.solve(tolerance=1e-6, reference=unit, max_iterations=2000)
         assert record.converged
-        extensions.append(work.membrane.displacement())
+        extensions.append(work.system.displacement())
     assert np.abs(extensions[0]).max() > 0.1
     np.testing.assert_allclose(extensions[1], extensions[0], atol=1e-12)
 
@@ -161,7 +161,7 @@ def test_relaxation_goes_on_from_a_state_that_the_energy_refuses_as_if_it_had_no
 ) -> None:
     problem = catalogue.CASES["burst"]().problem(1.0)
     work = bench._taken(bench._model(problem, "relaxation"))
-    work.membrane.set_pressures(np.array([1.0]))
+    work.system.set_pressures(np.array([1.0]))
     shares = [4.0 * relaxation._SETTLED_SHARE, 0.0]  # half the residual is asked for, which then is good enough
     refused: list[float] = []
 
@@ -171,13 +171,13 @@ def test_relaxation_goes_on_from_a_state_that_the_energy_refuses_as_if_it_had_no
 
     monkeypatch.setattr(work.relaxation, "_unsettled", once)
     twice = work.relaxation.solve(tolerance=1e-6, reference=1.0, max_iterations=2000)
-    found = work.membrane.displacement()
+    found = work.system.displacement()
     monkeypatch.undo()
-    work.membrane.set_displacement(np.zeros_like(found))
+    work.system.set_displacement(np.zeros_like(found))
     at_once = work.relaxation.solve(tolerance=0.5 * refused[0], reference=1.0, max_iterations=2000)
     assert (twice.converged, at_once.converged, len(refused)) == (True, True, 2)
     assert twice.iterations == at_once.iterations + 1  # one was looked at twice
-    assert np.array_equal(work.membrane.displacement(), found)
+    assert np.array_equal(work.system.displacement(), found)
 
 
 def test_the_collapse_that_the_default_solver_tells_holds_the_largest_stable_load(bench: Bench) -> None:

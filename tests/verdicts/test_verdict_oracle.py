@@ -114,7 +114,7 @@ def test_gas_stiffens_the_tangent_as_differences_of_its_forces_say() -> None:
         pressed = with_fields(last, displacement=last.displacement + step * way)
         pressed = replace(pressed, drivers={**last.drivers, "pressure.inside": absolute - 0.1})
         oracle.place(work, model, pressed)
-        return work.membrane.out_of_balance().ravel()[free]
+        return work.system.out_of_balance().ravel()[free]
 
     slope = -(force(1e-6) - force(-1e-6)) / 2e-6
     assert np.linalg.norm(matrix @ way.ravel()[free] - slope) < 1e-5 * np.linalg.norm(slope)
@@ -194,10 +194,10 @@ def test_tents_of_other_loads_have_the_same_tip_force() -> None:
             for depth in (0.0, 0.07):
                 displacement = np.zeros((7, 3))
                 displacement[0, 2] = -depth
-                work.membrane.set_displacement(displacement)
+                work.system.set_displacement(displacement)
                 size = {name: one.scene["stages"][0].get("pressure", 0.0) for name in model.scene.pressures}
                 state = LoadState.of(pressure=size, load=dict.fromkeys(model.scene.loads, 1.0))
-                work.membrane.set_pressures(model.chamber_pressures(state))
-                work.membrane.set_loads(model.nodal_loads(state))
-                forces.append(work.membrane.out_of_balance()[0, 2])
+                work.system.set_pressures(model.chamber_pressures(state))
+                work.system.set_loads(model.nodal_loads(state))
+                forces.append(work.system.out_of_balance()[0, 2])
         assert forces[:2] == pytest.approx(forces[2:], rel=1e-9)

@@ -177,7 +177,7 @@ class Bench:
             return replace(entry, reason=f"refused: {error}")
         work = self._taken(model)
         if problem.start is not None:
-            work.membrane.set_displacement(problem.start)
+            work.system.set_displacement(problem.start)
         started = time.perf_counter()
         steps = list(work.steps())
         entry = replace(entry, seconds=time.perf_counter() - started, converged=work.outcome == "finished")
@@ -212,8 +212,8 @@ def _with_findings(entry: Entry, problem: Problem, work: Any, steps: Sequence[St
     """Fill in what the run left: the last step's record, and numbers taken anew from the state the membrane is in."""
     last = steps[-1]
     model = work.model
-    scale = math.hypot(model.reference_load(LoadState(last.drivers)), work.membrane.prestress_norm())
-    force = work.membrane.in_frames(work.membrane.out_of_balance())
+    scale = math.hypot(model.reference_load(LoadState(last.drivers)), work.system.prestress_norm())
+    force = work.system.in_frames(work.system.out_of_balance())
     size = float(np.linalg.norm(np.where(model.structure.node_held, 0.0, force)))
     residual = size / scale if scale > 0.0 else None
     moved = len(steps) > 1 or any(last.drivers.values())
@@ -256,7 +256,7 @@ def _as_hybrid(model: Model) -> Model:
 def _with_tangent(entry: Entry, work: Any, model: Model, last: StepResult) -> Entry:
     """Fill in what takes a tangent, whatever solver found the state."""
     work.take(model)
-    work.membrane.set_displacement(last.displacement)
+    work.system.set_displacement(last.displacement)
     state = LoadState(last.drivers)
     work.equilibrium.apply(state)
     eigenvalue = largest_eigenvalue(work)
@@ -271,7 +271,7 @@ def _moved_by_newton(work: Any, last: StepResult, scale: float) -> float:
     work.newton.solve(
         tolerance=_POLISH * work.equilibrium.tolerance, reference=scale, loads=loads, max_iterations=_POLISH_ITERATIONS
     )
-    change = np.abs(work.membrane.displacement() - last.displacement).max()
+    change = np.abs(work.system.displacement() - last.displacement).max()
     return float(change / max(np.abs(last.displacement).max(), np.finfo(float).tiny))
 
 

@@ -25,10 +25,10 @@ _DENSE = 3000  # up to so many components eigenvalues are found densely: 2.5 s; 
 
 def place(work: Any, model: Model, step: StepResult) -> None:
     """Put an analysis' membrane into the state of a load step, pressures of shut chambers as told."""
-    work.membrane.set_displacement(step.displacement)
+    work.system.set_displacement(step.displacement)
     state = LoadState(step.drivers)
-    work.membrane.set_pressures(model.chamber_pressures(state))
-    work.membrane.set_loads(model.nodal_loads(state))
+    work.system.set_pressures(model.chamber_pressures(state))
+    work.system.set_loads(model.nodal_loads(state))
 
 
 def examine(work: Any, model: Model, step: StepResult, *, potential: bool = True) -> State:
@@ -37,11 +37,11 @@ def examine(work: Any, model: Model, step: StepResult, *, potential: bool = True
     :param work: an analysis whose membrane holds the model's structure, double precision.
     """
     place(work, model, step)
-    force = work.membrane.in_frames(work.membrane.out_of_balance())
+    force = work.system.in_frames(work.system.out_of_balance())
     held = model.structure.node_held
-    reaction = work.membrane.from_frames(np.where(held, -force, 0.0))
+    reaction = work.system.from_frames(np.where(held, -force, 0.0))
     applied = model.reference_load(LoadState(step.drivers))
-    scale = float(np.hypot(applied, work.membrane.prestress_norm()))
+    scale = float(np.hypot(applied, work.system.prestress_norm()))
     tolerance = work.equilibrium.tolerance
     if applied == 0.0 and scale == 0.0:
         scale = float(np.linalg.norm(reaction))
@@ -64,9 +64,9 @@ def examine(work: Any, model: Model, step: StepResult, *, potential: bool = True
 def _called_up(work: Any, model: Model, step: StepResult) -> float:
     """2-norm of the forces that a state's motions call up before anything gives way: what no resistance is compared with."""
     moved = model.moved(np.zeros_like(step.displacement), LoadState(step.drivers))
-    work.membrane.set_displacement(moved)
-    force = float(np.linalg.norm(work.membrane.out_of_balance()))
-    work.membrane.set_displacement(step.displacement)
+    work.system.set_displacement(moved)
+    force = float(np.linalg.norm(work.system.out_of_balance()))
+    work.system.set_displacement(step.displacement)
     return force
 
 
@@ -89,7 +89,7 @@ def tangent(work: Any, model: Model, step: StepResult) -> sparse.csr_matrix | Fl
         corners = model.structure.mesh.triangles[chamber.triangles]
         volume = float(chamber.sign @ np.linalg.det(places[corners] - places.mean(axis=0)) / 6.0)
         gradient = volume_gradient(places, corners, chamber.sign)
-        gradient = work.membrane.in_frames(gradient).ravel()[free]
+        gradient = work.system.in_frames(gradient).ravel()[free]
         gas = model.scene.pressures[name]
         absolute = step.pressures[name] + (gas.ambient or 0.0)
         full += gas.exponent * absolute / volume * np.outer(gradient, gradient)

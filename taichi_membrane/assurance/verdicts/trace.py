@@ -84,13 +84,13 @@ class Tracer:
 
     def _load(self, share: float) -> None:
         state = self.course.at(share)
-        self.work.membrane.set_pressures(self.model.chamber_pressures(state))
-        self.work.membrane.set_loads(self.model.nodal_loads(state))
+        self.work.system.set_pressures(self.model.chamber_pressures(state))
+        self.work.system.set_loads(self.model.nodal_loads(state))
 
     def _force(self, position: Floats, share: float) -> Floats:
-        self.work.membrane.set_displacement(position)
+        self.work.system.set_displacement(position)
         self._load(share)
-        return np.where(self.free, self.work.membrane.in_frames(self.work.membrane.out_of_balance()), 0.0)
+        return np.where(self.free, self.work.system.in_frames(self.work.system.out_of_balance()), 0.0)
 
     def _factor(self) -> Any:
         tangent = self.work.newton.tangent
@@ -119,7 +119,7 @@ class Tracer:
                 more = -float(np.vdot(foretold, step) / np.vdot(foretold, tangent))
                 step, share = step + more * tangent, share + more
             advance = None if advance is None else advance + step
-            position = position + self.work.membrane.from_frames(step)
+            position = position + self.work.system.from_frames(step)
         return None
 
     def limit(self, *, fine: float = FINE, most: int = 5000) -> Limit:
@@ -135,7 +135,7 @@ class Tracer:
         for number in range(most):
             sign = 1.0 if np.vdot(last.tangent, direction) >= 0.0 else -1.0
             step = sign * length * last.tangent / np.linalg.norm(last.tangent)
-            position = last.position + self.work.membrane.from_frames(step)
+            position = last.position + self.work.system.from_frames(step)
             share = last.share + sign * length / float(np.linalg.norm(last.tangent))
             point = self._correct(position, share, step)
             if point is None:
@@ -145,7 +145,7 @@ class Tracer:
                 continue
             if point.negative or point.share <= last.share:
                 advance = point.position - last.position
-                falling = float(np.vdot(self.work.membrane.from_frames(point.tangent), advance)) < 0.0
+                falling = float(np.vdot(self.work.system.from_frames(point.tangent), advance)) < 0.0
                 upper = _crossing(last, point, advance) if falling else max(point.share, last.share)
                 if 0.0 <= upper - last.share <= _WIDTH * abs(upper):
                     return Limit(last.share, upper, falling, number + 1)
