@@ -14,6 +14,7 @@ from taichi_membrane.output.tables import step_words
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve
+from taichi_membrane.simulation.load_marks import load_marks
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 
@@ -100,11 +101,12 @@ def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[
         load = result.scene.loads[name]
         if factor == 0.0:
             continue
-        groups = result.mesh.tri_groups if load.kind == "area" else result.mesh.node_groups
-        nodes = groups[load.group] if load.kind != "area" else np.unique(result.mesh.triangles[groups[load.group]])
-        direction = np.sign(factor) * np.array(load.direction) / np.linalg.norm(load.direction)
-        label = f"{abs(factor) * float(np.linalg.norm(load.direction)):.4g} {result.scene.units.force}"
-        arrows.append((points[nodes].mean(axis=0), direction, label if load.kind == "total" else name))
+        nodes, along = load_marks(result.scene, result.mesh, name)
+        size = float(np.linalg.norm(along))
+        label = name
+        if load.kind == "total":
+            label = f"{abs(factor) * size:.4g} {result.scene.units.force}"
+        arrows.append((points[nodes].mean(axis=0), np.sign(factor) * along / size, label))
     return tuple(arrows)
 
 

@@ -8,7 +8,7 @@ from taichi_membrane.scene.base import (
 )
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.fabric import Fabric
-from taichi_membrane.scene.loads import Load, Pressure
+from taichi_membrane.scene.loads import AnyLoad, Load, Pressure, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import (
     AnnulusShape,
@@ -49,6 +49,7 @@ from taichi_membrane.scene.support import (
 
 __all__ = [
     "AnnulusShape",
+    "AnyLoad",
     "ArchShape",
     "AreaProbe",
     "Cable",
@@ -93,4 +94,5 @@ __all__ = [
     "Vector",
     "VolumeProbe",
     "WedgeShape",
+    "WeightLoad",
 ]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from taichi_membrane.scene.base import MOST, Direction, GroupName, Positive, Record
 
@@ -39,11 +40,37 @@ class Load(Record):
     ``spread`` of a total: ``equal`` shares, or by the length of ``edges`` or the ``area`` that belongs to each node.
     """
 
+    kind: Literal["total", "line", "area"] = "total"
+    """``total`` force over nodes, ``line`` force per length of edges, ``area`` force per area."""
     group: GroupName
     """Node group (``total``, ``line``) or element group (``area``) that it acts on."""
     direction: Direction
     """Direction of the force; its length multiplies the factor."""
-    kind: Literal["total", "line", "area"] = "total"
-    """``total`` force over nodes, ``line`` force per length of edges, ``area`` force per area."""
     spread: Literal["equal", "edges", "area"] = "equal"
     """How a total is shared out: ``equal``, or by the length of ``edges`` or the ``area`` of each node."""
+
+
+class WeightLoad(Record):
+    """The weight of all fabrics and cables, a dead load; stages give its factor, 1 for the weight itself.
+
+    Each element's mass, that of its unstressed area or length, hangs in equal parts at its ends. Fabrics have ``density`` or
+    ``mass_per_area``, cables ``mass_per_length``.
+    """
+
+    kind: Literal["weight"]
+    """Self-weight."""
+    g: Positive
+    """Acceleration of gravity [length/time²], in the time unit of the masses."""
+    direction: Direction = (0.0, 0.0, -1.0)
+    """Direction of gravity; its length does not matter."""
+
+
+def _with_kind(item: Any) -> Any:
+    """A load that names no kind is a total."""
+    return {"kind": "total", **item} if isinstance(item, Mapping) and "kind" not in item else item
+
+
+AnyLoad = Annotated[
+    Annotated[Load | WeightLoad, Field(discriminator="kind")],
+    BeforeValidator(_with_kind),
+]
