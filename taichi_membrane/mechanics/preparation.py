@@ -93,6 +93,18 @@ class Plane:
     nodes: Ints
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanLoads:
+    """Loads along one direction on each unit of area seen along it; each has a value that a run sets.
+
+    :param direction: unit vector of the force.
+    :param share: (tri_count, n) how much of each load a triangle bears.
+    """
+
+    direction: Floats
+    share: Floats
+
+
 @dataclass(frozen=True, kw_only=True)
 class TriangleGeometry:
     """Per triangle: side lengths at rest (m, 3), area (m,), strain matrix G (m, 3, 3) with ε = G δ, unit warp and weft (m, 3)."""
@@ -186,6 +198,12 @@ def sum_to_nodes(mesh: Mesh, corner_values: Floats) -> Floats:
 def sides_of(triangles: Ints) -> Ints:
     """(3 · tri_count, 2) nodes of the triangles' sides, side a from corner a+1 to corner a+2."""
     return np.column_stack([np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()])
+
+
+def sides_now(mesh: Mesh, displacement: Floats, tri: Ints) -> Floats:
+    """(k, 3, 3) vectors of the sides of some triangles at a displacement; side a from corner a+1 to corner a+2."""
+    corners = (mesh.points + displacement)[mesh.triangles[tri]]
+    return np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
 
 
 def edge_keys(pairs: Ints, node_count: int) -> NDArray[np.int64]:

@@ -117,7 +117,10 @@ def _marks(pack: Pack, result: RunResult, radius: float) -> dict[str, Any]:
     supported = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *holding]))
     loads = []
     for name in scene.loads:
-        nodes, direction = load_marks(scene, mesh, name)
+        marks = load_marks(scene, mesh, name)
+        if marks is None:
+            continue
+        nodes, direction = marks
         factors = [step.loads[name] for step in steps]
         loads.append(
             {

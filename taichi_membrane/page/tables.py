@@ -9,7 +9,6 @@ from html import escape
 import numpy as np
 
 from taichi_membrane.output.tables import check_columns, step_columns
-from taichi_membrane.scene import Load
 from taichi_membrane.simulation.results import RunResult
 
 
@@ -126,8 +125,8 @@ def _loads(result: RunResult) -> Table:
         for name, one in scene.pressures.items()
     ]
     for name, load in scene.loads.items():
-        group = load.group if isinstance(load, Load) else "all"
-        rows.append([f"load {name}", group, load.kind, ", ".join(f"{part:g}" for part in load.direction)])
+        direction = ", ".join(f"{part:g}" for part in load.towards or ())
+        rows.append([f"load {name}", load.acts_on, load.kind, direction])
     return Table("loads-given", "Pressures and loads", ["name", "group", "kind", "direction"], rows)
 
 

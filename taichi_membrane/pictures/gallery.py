@@ -101,7 +101,10 @@ def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[
         load = result.scene.loads[name]
         if factor == 0.0:
             continue
-        nodes, along = load_marks(result.scene, result.mesh, name)
+        marks = load_marks(result.scene, result.mesh, name)
+        if marks is None:
+            continue
+        nodes, along = marks
         size = float(np.linalg.norm(along))
         label = name
         if load.kind == "total":

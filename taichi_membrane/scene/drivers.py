@@ -51,8 +51,10 @@ class DriverKind:
 
 
 def _load_unit(units: Units, load: AnyLoad) -> str:
-    """Of a load's factor; empty where the direction is no unit vector, and of a weight."""
-    if load.kind == "weight" or not math.isclose(math.hypot(*load.direction), 1.0, rel_tol=1e-6):
+    """Of a load's value; empty where it is the factor of a weight, of a wind, or of a direction that is no unit vector."""
+    if load.kind == "snow":
+        return f"{units.force}/{units.area}"
+    if load.kind in ("weight", "wind") or not math.isclose(math.hypot(*(load.towards or ())), 1.0, rel_tol=1e-6):
         return ""
     return units.force + {"total": "", "line": f"/{units.length}", "area": f"/{units.area}"}[load.kind]
 
@@ -61,12 +63,14 @@ def _load_words(load: AnyLoad) -> str:
     """What a load is, in a line."""
     if load.kind == "weight":
         return f"weight of fabrics and cables, g = {load.g:g}"
-    return f"{load.kind} on {load.group}"
+    if load.kind == "wind":
+        return f"wind on the {load.face} of {load.acts_on}, q = {load.q:g}"
+    return f"{load.kind} on {load.acts_on}"
 
 
 def _load_scaled(load: AnyLoad) -> str:
     """What a load's factor without a unit multiplies."""
-    return "weight" if load.kind == "weight" else "direction"
+    return {"weight": "weight", "wind": "q"}.get(load.kind, "direction")
 
 
 def _motion_unit(units: Units, motion: Translation | Rotation) -> str:

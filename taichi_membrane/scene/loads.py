@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
-from taichi_membrane.scene.base import MOST, Direction, GroupName, Positive, Record
+from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Positive, Record, Vector
+
+Groups = GroupName | Annotated[list[GroupName], Field(max_length=MOST)]
 
 
 class Pressure(Record):
@@ -20,9 +22,9 @@ class Pressure(Record):
     keeps p_abs Vⁿ with n = ``exponent``: 1 at constant temperature, 1.4 for air that exchanges no heat.
     """
 
-    group: GroupName | Annotated[list[GroupName], Field(max_length=MOST)] = "all"
+    group: Groups = "all"
     """Element groups along whose normals it acts; ``all`` is every element."""
-    against: GroupName | Annotated[list[GroupName], Field(max_length=MOST)] = []
+    against: Groups = []
     """Element groups against whose normals it acts: walls whose normals point into the chamber."""
     kind: Literal["follower", "fixed"] = "follower"
     """``follower`` stays normal to the moving surface, ``fixed`` keeps direction and size of the unstressed shape."""
@@ -49,6 +51,16 @@ class Load(Record):
     spread: Literal["equal", "edges", "area"] = "equal"
     """How a total is shared out: ``equal``, or by the length of ``edges`` or the ``area`` of each node."""
 
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return self.group
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return self.direction
+
 
 class WeightLoad(Record):
     """The weight of all fabrics and cables, a dead load; stages give its factor, 1 for the weight itself.
@@ -64,6 +76,107 @@ class WeightLoad(Record):
     direction: Direction = (0.0, 0.0, -1.0)
     """Direction of gravity; its length does not matter."""
 
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return "all"
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return self.direction
+
+
+class SnowLoad(Record):
+    """A load on each unit of plan area, the area seen along ``direction``; stages give its size [force/length²].
+
+    It keeps its direction and follows the present plan area of the elements whose outer side, to which their normals point, faces
+    it; one that turns over bears nothing. Such loads have no potential: there is no energy and no saddle is left, and no modes.
+    """
+
+    kind: Literal["snow"]
+    """A load per plan area."""
+    group: Groups = "all"
+    """Element groups that it lies on."""
+    direction: Direction = (0.0, 0.0, -1.0)
+    """Direction of the force, one for all snow of a scene; its length does not matter."""
+
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return self.group if isinstance(self.group, str) else ", ".join(self.group)
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return self.direction
+
+
+class WindTable(Record):
+    """Pressure coefficients of a round shell over the angle from the windward side, linear between the angles.
+
+    The angle is that between the direction the wind comes from and the radius to an element's centre on the unstressed shape: from
+    ``centre`` for a sphere, square to ``axis`` for a cylinder, standing or lying.
+    """
+
+    angles: Annotated[list[Annotated[float, Field(ge=0, le=180)]], Field(min_length=2, max_length=MOST)]
+    """Angles from the windward side, ascending [degrees]."""
+    cp: Annotated[list[Finite], Field(min_length=2, max_length=MOST)]
+    """Coefficient at each angle; suction is negative."""
+    direction: Direction
+    """Direction that the wind blows in."""
+    centre: Vector
+    """Centre of the sphere, or a point of the cylinder's axis [length]."""
+    axis: Direction | None = None
+    """Direction of the cylinder's axis; a sphere without it."""
+    group: GroupName = "all"
+    """Element group that it blows on."""
+
+    @model_validator(mode="after")
+    def _pairs(self) -> Self:
+        if len(self.angles) != len(self.cp):
+            raise ValueError(f"{len(self.angles)} angles, but {len(self.cp)} values of cp; each angle needs one")
+        for low, high in zip(self.angles[:-1], self.angles[1:], strict=True):
+            if not low < high:
+                raise ValueError(f"angles must ascend, but {high:g} follows {low:g}")
+        return self
+
+
+class WindLoad(Record):
+    """Wind by pressure coefficients, as pressure cp q along the moving normal; stages give its factor, 1 for q itself.
+
+    Coefficients are those of element groups (``cp``), or of a round shell over the angle from the windward side (``table``). A
+    positive one presses on the ``front``, the side that the normals point to, or on the ``back``; suction is negative. It adds to
+    the pressures of chambers.
+    """
+
+    kind: Literal["wind"]
+    """Wind by pressure coefficients."""
+    q: Positive
+    """Velocity pressure [force/length²]."""
+    cp: Annotated[dict[GroupName, Finite], Field(max_length=MOST)] = {}
+    """Coefficient of each element group; that of ``all`` is for what no other group holds."""
+    table: WindTable | None = None
+    """Coefficients over the angle, in place of ``cp``."""
+    face: Literal["front", "back"] = "front"
+    """Side of the elements that it presses on: ``front``, which their normals point to, or ``back``, as inside pressure does."""
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if bool(self.cp) == (self.table is not None):
+            raise ValueError("give either cp, a coefficient for each element group, or table")
+        return self
+
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return ", ".join(self.cp) if self.table is None else self.table.group
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return None if self.table is None else self.table.direction
+
 
 def _with_kind(item: Any) -> Any:
     """A load that names no kind is a total."""
@@ -71,6 +184,6 @@ def _with_kind(item: Any) -> Any:
 
 
 AnyLoad = Annotated[
-    Annotated[Load | WeightLoad, Field(discriminator="kind")],
+    Annotated[Load | WeightLoad | SnowLoad | WindLoad, Field(discriminator="kind")],
     BeforeValidator(_with_kind),
 ]

@@ -7,6 +7,7 @@ counter-clockwise triangles, for a closed body outwards.
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -15,7 +16,7 @@ from taichi_membrane.scene import drivers
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.fabric import Fabric
-from taichi_membrane.scene.loads import AnyLoad, Pressure, WeightLoad
+from taichi_membrane.scene.loads import AnyLoad, Pressure, SnowLoad, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
@@ -186,6 +187,7 @@ class Scene(Record):
         for load_name, load in self.loads.items():
             if isinstance(load, WeightLoad):
                 self._check_masses(f"loads.{load_name}")
+        self._check_snow()
         if self.modes is not None and self.modes.stage is not None:
             _known(self.modes.stage, names, "modes.stage", "a stage")
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
@@ -209,6 +211,20 @@ class Scene(Record):
         for name, fabric in {"fabric": self.fabric, **{f"fabrics.{n}": f for n, f in self.fabrics.items()}}.items():
             if fabric is not None and fabric.surface_mass is None:
                 raise ValueError(f"{name}.density is missing (or mass_per_area): {user} needs it")
+
+    def _check_snow(self) -> None:
+        """Refuse loads per plan area of two directions."""
+        found = [(name, load.direction) for name, load in self.loads.items() if isinstance(load, SnowLoad)]
+        for name, direction in found[1:]:
+            sizes = [math.hypot(*vector) for vector in (found[0][1], direction)]
+            unit = [
+                [part / size for part in vector] for vector, size in zip((found[0][1], direction), sizes, strict=True)
+            ]
+            if math.dist(*unit) > 1e-12:
+                raise ValueError(
+                    f"loads.{name}.direction = {list(direction)}, but loads.{found[0][0]}.direction = {list(found[0][1])}; "
+                    "all loads per plan area of a scene have one direction"
+                )
 
     def _check_planes(self) -> None:
         """Refuse what takes the tangent in contact for that of the structure: it holds springs, where the planes are rigid."""

@@ -42,11 +42,11 @@ def _fixed_pressure(scene: Scene, mesh: Mesh, name: str, pressure: Pressure) -> 
 
 
 def _unit_load(scene: Scene, mesh: Mesh, name: str, load: AnyLoad) -> Floats | None:
-    """(n, 3) nodal forces of a load at factor 1."""
+    """(n, 3) nodal forces of a load at factor 1; None of those on the surface, which follow it (:mod:`surface_loads`)."""
     if isinstance(load, WeightLoad):
         down = np.array(load.direction) / np.linalg.norm(load.direction)
         return nodal_mass(scene, mesh)[:, None] * (load.g * down)
-    return _dead_load(mesh, name, load)
+    return _dead_load(mesh, name, load) if isinstance(load, Load) else None
 
 
 def _dead_load(mesh: Mesh, name: str, load: Load) -> Floats:

@@ -46,11 +46,11 @@ def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> I
         yield driver, at_free(unit)
     present = newton.free_force()
     values = membrane.pressures()
-    for number, name in enumerate(model.pressure_names):
+    for number, driver in enumerate(model.surface_drivers):
         if number in shut:
             continue  # not prescribed
         membrane.set_pressures(values + np.eye(len(values))[number])
-        yield f"pressure.{name}", newton.free_force() - present
+        yield driver, newton.free_force() - present
         membrane.set_pressures(values)
     for number, (name, fabric) in enumerate(model.fabric_names()):
         membrane.scale_thickness(number, 2.0)
