@@ -93,7 +93,7 @@ def test_the_lift_on_a_hemisphere_in_potential_flow() -> None:
 
 
 def test_the_drag_on_a_cylinder_is_that_of_its_table() -> None:
-    """A lying tube, wind square to it: cp = cos θ gives π q R of drag per length, at second order; the part of it along the axis none."""
+    """A lying tube, wind square to it: cp = cos θ gives π q R of drag per length; second order."""
     errors = []
     for around in (16, 32, 64):
         scene = ball(

@@ -95,13 +95,11 @@ def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
 
 
 def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[Floats, Floats, str], ...]:
-    """One arrow per acting load, at the middle of its group."""
-    arrows = []
+    """One arrow per acting load, at the middle of its group; of those at one place and along one direction, one with all names."""
+    arrows: list[tuple[Floats, Floats, str]] = []
     for name, factor in step.loads.items():
         load = result.scene.loads[name]
-        if factor == 0.0:
-            continue
-        marks = load_marks(result.scene, result.mesh, name)
+        marks = load_marks(result.scene, result.mesh, name) if factor != 0.0 else None
         if marks is None:
             continue
         nodes, along = marks
@@ -109,7 +107,13 @@ def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[
         label = name
         if load.kind == "total":
             label = f"{abs(factor) * size:.4g} {result.scene.units.force}"
-        arrows.append((points[nodes].mean(axis=0), np.sign(factor) * along / size, label))
+        origin, direction = points[nodes].mean(axis=0), np.sign(factor) * along / size
+        for number, (place, way, text) in enumerate(arrows):
+            if np.array_equal(place, origin) and np.allclose(way, direction, rtol=0.0, atol=1e-3):
+                arrows[number] = (place, way, f"{text}, {label}")
+                break
+        else:
+            arrows.append((origin, direction, label))
     return tuple(arrows)
 
 
