@@ -54,6 +54,13 @@ GOOD: list[dict[str, Any]] = [
             "tip": {"group": "end", "direction": [0.0, 0.0, -1.0], "spread": "edges"},
             "line": {"group": "end", "direction": [0.0, 1.0, 0.0], "kind": "line"},
             "area": {"group": "far", "direction": [0.0, 0.0, 2.0], "kind": "area"},
+            "oil": {
+                "kind": "water",
+                "specific_weight": 1e-5,
+                "group": ["wall"],
+                "floor": [0, 0, -30],
+                "up": [0.1, 0, 1],
+            },
             "own": {"kind": "weight", "g": 9810.0},
             "snow": {"kind": "snow", "group": ["far", "wall"], "direction": [0.0, 0.5, -1.0]},
             "gust": {"kind": "wind", "q": 1e-3, "cp": {"far": -0.5, "all": 0.8}, "face": "back"},
@@ -76,7 +83,7 @@ GOOD: list[dict[str, Any]] = [
             {
                 "name": "load",
                 "steps": 3,
-                "loads": {"tip": 4.5, "line": 1.0, "own": 1.0, "snow": 1e-4, "gust": 1.0, "storm": 0.5},
+                "loads": {"tip": 4.5, "line": 1.0, "own": 1.0, "snow": 1e-4, "gust": 1.0, "storm": 0.5, "oil": 20.0},
                 "motions": {"push": 2.0},
             },
         ],

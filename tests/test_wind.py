@@ -187,7 +187,7 @@ def test_where_no_wind_blows_nothing_is_compiled() -> None:
 
 
 def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
-    """Weight, snow and wind in one run, its columns named with their units."""
+    """Weight, snow, wind and water in one run, its columns named with their units."""
 
     class Impatient(Silent):
         def step_done(self, step: StepResult) -> None:
@@ -198,18 +198,19 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
         "own": {"kind": "weight", "g": 9.81},
         "snow": {"kind": "snow"},
         "wind": {"kind": "wind", "q": 2.0, "cp": {"half": -0.7, "front": 0.4}},
+        "water": {"kind": "water", "specific_weight": 0.1, "floor": [0.0, 0.0, -1.0]},
     }
     stages = [
         {"name": "inflate", "pressure": 1.0, "loads": {"own": 1.0}},
         {"name": "winter", "steps": 2, "loads": {"snow": 0.1, "wind": 0.2}},
-        {"name": "storm", "loads": {"snow": 0.0, "wind": 0.3}},
+        {"name": "storm", "loads": {"snow": 0.0, "wind": 0.3, "water": 0.9}},
     ]
     fabric = {"E": 100.0, "nu": 0.3, "thickness": 0.1, "mass_per_area": 0.01}
     scene = ball({}, loads=loads, stages=stages, fabric=fabric, camera={"size": [320, 240]})
     whole = run(scene, out=tmp_path / "whole", render=True)
     assert whole.converged
     header = (tmp_path / "whole/history.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
-    assert {"load.own", "load.snow [N/m²]", "load.wind"} <= set(header)
+    assert {"load.own", "load.snow [N/m²]", "load.wind", "load.water [m]"} <= set(header)
     with pytest.raises(KeyboardInterrupt):
         run(scene, out=tmp_path / "part", render=True, observer=Impatient())
     tm.resume(tmp_path / "part")

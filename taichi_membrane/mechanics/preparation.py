@@ -4,6 +4,7 @@ gather lists."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +104,30 @@ class PlanLoads:
 
     direction: Floats
     share: Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Water:
+    """A liquid that stands on one side of some triangles.
+
+    :param up: unit vector upwards.
+    :param floor: height along it at which its level has the value 0.
+    :param weight: (tri_count,) weight per volume where it presses along the normals, less than 0 where against them, else 0.
+    """
+
+    mesh: Mesh
+    up: Floats
+    floor: float
+    weight: Floats
+
+    @cached_property
+    def tri(self) -> Ints:
+        """Numbers of its triangles."""
+        return np.flatnonzero(self.weight)
+
+    def level(self, value: float) -> float:
+        """Height of its level along ``up``."""
+        return self.floor + value
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,6 +29,7 @@ from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.skew import Blocks, Part, Skew
 from taichi_membrane.mechanics.snow import SnowSkew
 from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mechanics.water import WaterSkew, rim_moves
 
 __all__ = ["EdgeSkew", "Rim", "Skew", "SkewFactor", "symmetric"]
 
@@ -49,18 +50,21 @@ class Rim:
 
     :param nodes: (k, 2) their ends.
     :param sense: (k, pressure_count) how often the boundary of each chamber, or wind, runs along the edge; q = sense · p.
+    :param liquids: numbers of those without a potential.
     """
 
     structure: Structure
     nodes: Ints
     sense: Floats
+    liquids: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, structure: Structure) -> Rim:
         """All such edges of a structure, for any pressures."""
         nodes, sense = structure.pressure_edges
         loose = _can_turn(structure, nodes)
-        return cls(structure, nodes[loose], sense[loose])
+        liquids = tuple(number for number, one in enumerate(structure.water) if rim_moves(structure, one))
+        return cls(structure, nodes[loose], sense[loose], liquids)
 
     def at(self, values: Floats, displacement: Floats) -> Skew | None:
         """Skew part of the tangent at a state; None where all forces have a potential.
@@ -69,6 +73,9 @@ class Rim:
         """
         found: list[Part | None] = [self._edges(values[: self.structure.pressure_count], displacement)]
         found.append(SnowSkew.at(self.structure, values[self.structure.snow_values], displacement))
+        levels = values[self.structure.water_values]
+        for number in self.liquids:
+            found.append(WaterSkew(self.structure, self.structure.water[number], float(levels[number]), displacement))
         parts = [part for part in found if part is not None]
         return Skew(self.structure, parts) if parts else None
 

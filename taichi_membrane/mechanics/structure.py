@@ -19,6 +19,7 @@ from taichi_membrane.mechanics.preparation import (
     Plane,
     PlanLoads,
     TriangleGeometry,
+    Water,
 )
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import WrinklingLaw
@@ -43,6 +44,7 @@ class Features:
     (one for each side of a triangle).
     ``several_fabrics``: a fabric number per triangle. ``prestress``: a strain offset per fabric. ``loads``: a load vector per node.
     ``wind``: a pressure per triangle beside those of chambers. ``snow``: a load per plan area of each triangle.
+    ``water``: how many liquids.
     ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``planes``: how many.
     """
 
@@ -52,6 +54,7 @@ class Features:
     pressure: PressureKind
     wind: bool
     snow: bool
+    water: int
     loads: bool
     slanted: bool
     cables: bool
@@ -72,6 +75,7 @@ class Features:
             "pressure on both sides": self.pressure == "by_side",
             "wind": self.wind,
             "snow (load per plan area)": self.snow,
+            "liquids": self.water > 0,
             "dead loads": self.loads,
             "slanted supports": self.slanted,
             "cables": self.cables,
@@ -84,7 +88,8 @@ class Features:
 class Structure:
     """A mesh with its fabrics, supports, the surfaces that pressure acts on, cables and planes; all that mechanics needs to know.
 
-    A run sets the values of loads on the surface in one array: pressures of the chambers, then winds, then loads per plan area.
+    A run sets the values of loads on the surface in one array: pressures of the chambers, then winds, loads per plan area, and
+    levels of liquids.
 
     :param tri_fabric: (tri_count,) number of each triangle's fabric in ``fabrics``.
     :param tri_warp: (tri_count, 3) warp direction, projected on the element.
@@ -110,6 +115,7 @@ class Structure:
     planes: tuple[Plane, ...] = ()
     wind: Floats | None = None
     snow: PlanLoads | None = None
+    water: tuple[Water, ...] = ()
 
     @property
     def points(self) -> Floats:
@@ -136,6 +142,11 @@ class Structure:
     def snow_values(self) -> slice:
         """Where the loads per plan area stand among the values of all loads on the surface."""
         return slice(self.pressure_count, self.pressure_count + (0 if self.snow is None else self.snow.share.shape[1]))
+
+    @property
+    def water_values(self) -> slice:
+        """Where the levels of liquids stand among these values."""
+        return slice(self.snow_values.stop, self.snow_values.stop + len(self.water))
 
     @cached_property
     def geometry(self) -> TriangleGeometry:
@@ -221,6 +232,7 @@ class Structure:
             pressure=pressure,
             wind=self.wind is not None,
             snow=self.snow is not None,
+            water=len(self.water),
             loads=self.loads,
             slanted=self.node_frame is not None,
             cables=self.cables is not None,

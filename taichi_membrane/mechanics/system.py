@@ -19,6 +19,7 @@ from taichi_membrane.mechanics.snow import Snow
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm, Term
 from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
+from taichi_membrane.mechanics.water import WaterTerm
 
 
 @ti.data_oriented
@@ -29,7 +30,8 @@ class System(Nodes):
         super().__init__(structure)
         self.pressure = Pressure(structure, self.fp, self.dtype)
         self.snow = Snow(structure, self.fp, self.dtype)
-        self.triangles = Triangles(self, self.pressure, self.snow, structure)
+        self.water = WaterTerm(self, structure)
+        self.triangles = Triangles(self, self.pressure, self.snow, self.water, structure)
         self.cables = CableTerm(self, structure) if self.features.cables else None
         self.planes = tuple(PlaneTerm(self, structure, number) for number in range(self.features.planes))
         others = () if self.cables is None else (self.cables,)
@@ -51,7 +53,7 @@ class System(Nodes):
 
     def _parts(self) -> tuple[Term, ...]:
         """All that own fields beside the nodes."""
-        return (self.pressure, self.snow, *self.terms, *self.node_terms)
+        return (self.pressure, self.snow, self.water, *self.terms, *self.node_terms)
 
     def fields(self) -> Iterator[tuple[str, Any]]:
         """Every Taichi field with its name."""
@@ -141,14 +143,17 @@ class System(Nodes):
     # ---- what a run sets and asks
 
     def set_pressures(self, values: Floats) -> None:
-        """Set the values of all loads on the surface: each chamber's pressure, winds, loads per plan area (force per area)."""
+        """Set the values of all loads on the surface: each chamber's pressure, winds, loads per plan area, levels."""
         self.pressure.set(values[: self.structure.pressure_count])
         self.snow.set(values[self.structure.snow_values])
+        self.water.set(values[self.structure.water_values])
 
     def pressures(self) -> Floats:
         """Present values of all loads on the surface, on which the tangent depends; pressures of the chambers first."""
         pressures = self.pressure.values()
-        return pressures if not self.snow.used else np.concatenate([pressures, self.snow.values()])
+        if not (self.snow.used or self.water.used):
+            return pressures
+        return np.concatenate([pressures, self.snow.values(), self.water.values()])
 
     @property
     def geometry(self) -> TriangleGeometry:

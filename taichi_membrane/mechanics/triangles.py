@@ -13,6 +13,7 @@ from taichi_membrane.mechanics.preparation import FabricConstants, Floats
 from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.snow import Snow
 from taichi_membrane.mechanics.structure import Features, Structure, variant_of
+from taichi_membrane.mechanics.water import WaterTerm
 from taichi_membrane.names import TAUT
 
 _BOUNDS = ("count", "block_length", "blocks")
@@ -24,8 +25,8 @@ _BLOCKS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 class Triangles:
     """Fields and device code of a structure's triangles. Their slots are corners, 3 · triangle + corner; their pairs are sides."""
 
-    def __init__(self, nodes: Nodes, pressure: Pressure, snow: Snow, structure: Structure) -> None:
-        self.nodes, self.pressure, self.snow = nodes, pressure, snow
+    def __init__(self, nodes: Nodes, pressure: Pressure, snow: Snow, water: WaterTerm, structure: Structure) -> None:
+        self.nodes, self.pressure, self.snow, self.water = nodes, pressure, snow, water
         self.features, self.fp, self.dtype = nodes.features, nodes.fp, nodes.dtype
         fp, features, triangles, fabrics = self.fp, self.features, structure.mesh.tri_count, len(structure.fabrics)
         self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())
@@ -188,6 +189,11 @@ class Triangles:
             force_0 += weight
             force_1 += weight
             force_2 += weight
+        if ti.static(self.water.used):
+            wet = self.water.corner_forces(t, self.tri_node[t], side_1.cross(side_2))
+            force_0 += wet[0, :]
+            force_1 += wet[1, :]
+            force_2 += wet[2, :]
         self.nodes.slot_force[3 * t] = force_0
         self.nodes.slot_force[3 * t + 1] = force_1
         self.nodes.slot_force[3 * t + 2] = force_2
@@ -204,6 +210,8 @@ class Triangles:
         pressure = self.pressure.on(t)
         if ti.static(self.snow.used):
             pressure = ti.abs(pressure) + self.snow.bound(t)
+        if ti.static(self.water.used):
+            pressure = ti.abs(pressure) + self.water.bound(t, self.tri_node[t], length.max())
         for a in ti.static(range(3)):
             column = fabric.elastic_stress(ti.Vector([matrix[0, a], matrix[1, a], matrix[2, a]]), f)
             row_sum = self.tri_volume[t] * ti.abs(matrix.transpose() @ column).sum()
@@ -242,6 +250,10 @@ class Triangles:
         work = ti.cast(0.0, self.fp)
         if ti.static(self.pressure.used):
             work = self.pressure.on(t) * self.swept_by(t)
+        if ti.static(self.water.used):
+            rest, stretch = self.sides(t)
+            sides = rest + stretch
+            work += self.water.work(t, self.tri_node[t], sides[1, :].cross(sides[2, :]))
         return ti.Vector([self.tri_volume[t] * density, work])
 
     @ti.func
@@ -309,6 +321,8 @@ class Triangles:
                 slot_block[3 * t + number] = block
             else:
                 pair_block[3 * t + number - 3] = block
+        if ti.static(self.water.used):
+            self.water.add_blocks(t, self.tri_node[t], sides, slot_block, pair_block)
 
     @ti.func
     def state_of(self, t, k, variant: ti.template()):

@@ -8,7 +8,7 @@ from taichi_membrane.scene.base import (
 )
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.fabric import Fabric
-from taichi_membrane.scene.loads import AnyLoad, Load, Pressure, SnowLoad, WeightLoad, WindLoad, WindTable
+from taichi_membrane.scene.loads import AnyLoad, Load, Pressure, SnowLoad, WaterLoad, WeightLoad, WindLoad, WindTable
 from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import (
     AnnulusShape,
@@ -94,6 +94,7 @@ __all__ = [
     "Units",
     "Vector",
     "VolumeProbe",
+    "WaterLoad",
     "WedgeShape",
     "WeightLoad",
     "WindLoad",

@@ -54,6 +54,8 @@ def _load_unit(units: Units, load: AnyLoad) -> str:
     """Of a load's value; empty where it is the factor of a weight, of a wind, or of a direction that is no unit vector."""
     if load.kind == "snow":
         return f"{units.force}/{units.area}"
+    if load.kind == "water":
+        return units.length
     if load.kind in ("weight", "wind") or not math.isclose(math.hypot(*(load.towards or ())), 1.0, rel_tol=1e-6):
         return ""
     return units.force + {"total": "", "line": f"/{units.length}", "area": f"/{units.area}"}[load.kind]
@@ -65,6 +67,8 @@ def _load_words(load: AnyLoad) -> str:
         return f"weight of fabrics and cables, g = {load.g:g}"
     if load.kind == "wind":
         return f"wind on the {load.face} of {load.acts_on}, q = {load.q:g}"
+    if load.kind == "water":
+        return f"liquid at the {load.face} of {load.acts_on}, of weight {load.specific_weight:g} per volume"
     return f"{load.kind} on {load.acts_on}"
 
 

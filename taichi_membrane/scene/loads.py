@@ -178,12 +178,43 @@ class WindLoad(Record):
         return None if self.table is None else self.table.direction
 
 
+class WaterLoad(Record):
+    """A liquid that stands on one side of the surface; stages give the height of its level above ``floor`` [length].
+
+    It presses along the moving normal with its specific weight times the present depth below the level; what lies above the level
+    is dry. At level zero, where it is until a stage raises it, everything has to be dry at rest.
+    """
+
+    kind: Literal["water"]
+    """A standing liquid."""
+    specific_weight: Positive
+    """Weight per volume [force/length³]."""
+    face: Literal["front", "back"] = "back"
+    """Side of the elements that it stands on: ``front``, which their normals point to, or ``back``, the inside of a body."""
+    group: Groups = "all"
+    """Element groups that it wets."""
+    floor: Vector = (0.0, 0.0, 0.0)
+    """A point at the height where the level is zero [length]; no element of the group lies below it at rest."""
+    up: Direction = (0.0, 0.0, 1.0)
+    """Direction upwards; its length does not matter."""
+
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return self.group if isinstance(self.group, str) else ", ".join(self.group)
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return None
+
+
 def _with_kind(item: Any) -> Any:
     """A load that names no kind is a total."""
     return {"kind": "total", **item} if isinstance(item, Mapping) and "kind" not in item else item
 
 
 AnyLoad = Annotated[
-    Annotated[Load | WeightLoad | SnowLoad | WindLoad, Field(discriminator="kind")],
+    Annotated[Load | WeightLoad | SnowLoad | WindLoad | WaterLoad, Field(discriminator="kind")],
     BeforeValidator(_with_kind),
 ]

@@ -243,13 +243,17 @@ class Equilibrium:
         """The straight way between two load states; there has to be a Newton solver."""
         assert self.newton is not None
         moves = before.motions != after.motions
-        return Way(
+        way = Way(
             self.newton,
             before,
             after,
             self.apply if moves else self.press,
             lambda state: self.tolerance * force_now(self.reference(state)),
         )
+        # The forces of a liquid are not linear in its level: they are differenced nearby, as those of motions are.
+        levels = (f"load.{name}" for name in self.model.surface.waters)
+        way.moves = way.moves or any(before.values[name] != after.values[name] for name in levels)
+        return way
 
     def path(self, way: Way) -> Path:
         """The equilibrium path in the share of a way, by arc length."""

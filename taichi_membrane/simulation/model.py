@@ -49,7 +49,7 @@ class Model:
 
     :param structure: mesh, fabrics, supports and pressure surfaces.
     :param chambers: what each follower pressure acts on, in the order of the structure's chamber numbers.
-    :param surface: winds and loads per plan area.
+    :param surface: winds, loads per plan area and liquids.
     :param unit_forces: (n, 3) dead nodal forces at value 1 of each driver that has some, by names such as ``load.tip``.
     :param motions: prescribed motions of node groups.
     :param own_probes: what is measured at every load step beside the scene's probes, by name.
@@ -131,7 +131,7 @@ class Model:
         return result
 
     def chamber_pressures(self, state: LoadState) -> Floats:
-        """Values of all loads on the surface: each follower pressure, then winds and loads per plan area."""
+        """Values of all loads on the surface: each follower pressure, then winds, loads per plan area, levels of liquids."""
         return np.array([state.values[driver] for driver in self.surface_drivers])
 
     def reference_load(self, state: LoadState) -> float:
@@ -142,14 +142,16 @@ class Model:
         if structure.tri_ahead is not None:
             on_triangles = on_triangles - values[structure.tri_ahead]
         acting = [preparation.nodal_pressure(structure.mesh, on_triangles), self.nodal_loads(state)]
-        for driver, force in self._resting.items():
-            acting.append(state.values[driver] * force)
+        for name, force in self._resting.items():
+            acting.append(state.values[f"load.{name}"] * force)
+        for name in self.surface.waters:
+            acting.append(self.surface.at_rest(name, state.values[f"load.{name}"]))
         return float(np.sqrt(sum(np.vdot(force, force) for force in acting)))
 
     @cached_property
     def _resting(self) -> dict[str, Floats]:
         """(node_count, 3) nodal forces of winds and loads per plan area at value 1 on the unstressed shape."""
-        return {f"load.{name}": self.surface.at_rest(name) for name in (*self.surface.winds, *self.surface.snows)}
+        return {name: self.surface.at_rest(name) for name in (*self.surface.winds, *self.surface.snows)}
 
 
 def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) -> Mesh:
@@ -215,6 +217,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         planes=planes_of(scene, mesh),
         wind=surface.wind,
         snow=surface.plan_loads,
+        water=tuple(surface.waters.values()),
     )
     return Model(
         scene=scene,

@@ -1,4 +1,4 @@
-"""Loads that follow the moving surface beside the pressures of chambers: wind, and loads per plan area such as snow."""
+"""Loads that follow the moving surface beside the pressures of chambers: wind, loads per plan area such as snow, liquids."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.mechanics.preparation import Floats, PlanLoads, nodal_pressure, sides_now, sum_to_nodes
+from taichi_membrane.mechanics.preparation import Floats, PlanLoads, Water, nodal_pressure, sides_now, sum_to_nodes
+from taichi_membrane.mechanics.water import corner_forces
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.scene import Scene, SnowLoad, WindLoad, WindTable
+from taichi_membrane.scene import Scene, SnowLoad, WaterLoad, WindLoad, WindTable
 from taichi_membrane.simulation.groups import group_triangles
 
 # A radius of this share of the mesh's size has no direction.
@@ -19,9 +20,9 @@ _NO_RADIUS = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class SurfaceLoads:
-    """What winds and loads per plan area do to each triangle at value 1, by their names; those that no stage uses are left out.
+    """What winds, loads per plan area and liquids do to each triangle, by their names; those that no stage uses are left out.
 
-    :param winds: (tri_count,) pressure along the normal.
+    :param winds: (tri_count,) pressure along the normal at value 1.
     :param snows: (tri_count,) share of the load that a triangle bears, all along ``down``.
     """
 
@@ -29,11 +30,17 @@ class SurfaceLoads:
     winds: Mapping[str, Floats]
     snows: Mapping[str, Floats]
     down: Floats
+    waters: Mapping[str, Water]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all, in the order that the structure has their values."""
+        return (*self.winds, *self.snows, *self.waters)
 
     @property
     def drivers(self) -> tuple[str, ...]:
         """Names of their values, in the order that the structure has them."""
-        return tuple(f"load.{name}" for name in (*self.winds, *self.snows))
+        return tuple(f"load.{name}" for name in self.names)
 
     @property
     def wind(self) -> Floats | None:
@@ -45,23 +52,28 @@ class SurfaceLoads:
         """All loads per plan area."""
         return PlanLoads(direction=self.down, share=np.column_stack(list(self.snows.values()))) if self.snows else None
 
-    def at_rest(self, name: str) -> Floats:
-        """(node_count, 3) nodal forces of one of them at value 1 on the unstressed shape."""
+    def at_rest(self, name: str, value: float = 1.0) -> Floats:
+        """(node_count, 3) nodal forces of one of them at a value on the unstressed shape."""
         if name in self.winds:
-            return nodal_pressure(self.mesh, self.winds[name])
-        sides = sides_now(self.mesh, np.zeros_like(self.mesh.points), np.arange(self.mesh.tri_count))
-        plan = np.maximum(-np.cross(sides[:, 1], sides[:, 2]) @ self.down, 0.0)
-        corner = (self.snows[name] * plan / 6.0)[:, None] * self.down
-        return sum_to_nodes(self.mesh, np.repeat(corner, 3, axis=0))
+            return nodal_pressure(self.mesh, value * self.winds[name])
+        still, corners = np.zeros_like(self.mesh.points), np.zeros((self.mesh.tri_count, 3, 3))
+        if name in self.waters:
+            one = self.waters[name]
+            corners[one.tri] = corner_forces(self.mesh.points, one, value, still)
+        else:
+            sides = sides_now(self.mesh, still, np.arange(self.mesh.tri_count))
+            plan = np.maximum(-np.cross(sides[:, 1], sides[:, 2]) @ self.down, 0.0)
+            corners += (value * self.snows[name] * plan / 6.0)[:, None, None] * self.down
+        return sum_to_nodes(self.mesh, corners.reshape(-1, 3))
 
 
 def surface_loads_of(scene: Scene, mesh: Mesh, *, unused: bool = False) -> SurfaceLoads:
-    """A scene's winds and loads per plan area on its mesh.
+    """A scene's winds, loads per plan area and liquids on its mesh.
 
     :param unused: with those that every stage leaves at zero.
-    :raises InputError: unknown groups, two coefficients of one element, an angle that a table does not reach.
+    :raises InputError: unknown groups, two coefficients of one element, an angle that a table does not reach, a floor too high.
     """
-    winds, snows, down = {}, {}, np.array([0.0, 0.0, -1.0])
+    winds, snows, waters, down = {}, {}, {}, np.array([0.0, 0.0, -1.0])
     for name, load in scene.loads.items():
         used = unused or any(stage.loads.get(name) for stage in scene.stages)
         if isinstance(load, WindLoad):
@@ -75,7 +87,29 @@ def surface_loads_of(scene: Scene, mesh: Mesh, *, unused: bool = False) -> Surfa
             if used:
                 snows[name] = share
                 down = np.array(load.direction) / np.linalg.norm(load.direction)
-    return SurfaceLoads(mesh, winds, snows, down)
+        elif isinstance(load, WaterLoad):
+            water = _water(mesh, name, load)
+            if used:
+                waters[name] = water
+    return SurfaceLoads(mesh, winds, snows, down, waters)
+
+
+def _water(mesh: Mesh, name: str, load: WaterLoad) -> Water:
+    """A liquid on a mesh."""
+    up = np.array(load.up) / np.linalg.norm(load.up)
+    weight = np.zeros(mesh.tri_count)
+    for group in [load.group] if isinstance(load.group, str) else load.group:
+        weight[group_triangles(mesh, group, f"loads.{name}.group")] = (
+            load.specific_weight if load.face == "back" else -load.specific_weight
+        )
+    water = Water(mesh=mesh, up=up, floor=float(np.array(load.floor) @ up), weight=weight)
+    lowest = float((mesh.points @ up)[mesh.triangles[water.tri]].min())
+    if lowest < water.floor - _NO_RADIUS * np.linalg.norm(np.ptp(mesh.points, axis=0)):
+        raise InputError(
+            f"loads.{name}.floor: at height {water.floor:.6g}, but elements of the group go down to {lowest:.6g} and would be "
+            "wet at level zero; give a floor no higher than that"
+        )
+    return water
 
 
 def _coefficients(mesh: Mesh, name: str, load: WindLoad) -> Floats:

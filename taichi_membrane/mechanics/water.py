@@ -1,0 +1,294 @@
+"""Standing liquid on one side of the surface: pressure γ d along the moving normal, d = <h - z> the depth below its level h.
+
+The depth is linear on a flat triangle. With the matrix M of the shape functions over its wet part, M_ab = 1/(2A) ∫ N_a N_b, exact
+for a triangle that is wholly wet and for one that the level cuts (its wet part is the triangle at one corner, or all but that one),
+
+    f_a = γ (M d)_a N,   N = s₁ × s₂ the doubled directed area,
+
+which is the change of W = -γ/2 Σ (N·e) d·M d, e upwards: the flux of a field along e whose divergence is the pressure. So there
+is a potential wherever the surface is closed, or its rim is held or moves in vertical planes that it lies in. The tangent is
+
+    -∂f_a/∂x_b = γ (M_ab N ⊗ e - (M d)_a [s_b]×),
+
+of which kernels assemble the symmetric part; what is left at a rim that moves is :class:`WaterSkew`, a part of what
+:mod:`taichi_membrane.mechanics.rim` adds to the factor.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.nodes import Nodes, fill
+from taichi_membrane.mechanics.preparation import Floats, Water, sides_now
+from taichi_membrane.mechanics.skew import Blocks
+from taichi_membrane.mechanics.structure import Structure
+
+# The distinct blocks of a triangle: the three diagonal ones, then side a's, which couples corners a+1 and a+2.
+_BLOCKS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+# Skew parts of neighbours that cancel to this share of the largest block are round-off.
+_CANCELLED = 1e-12
+# Directions closer than this are one, as in :mod:`rim`.
+_IN_PLANE = 1e-9
+# Points of a quadrature along a step. The force is smooth but for jumps of its third derivative where the level meets a corner.
+_POINTS = 24
+
+
+@ti.data_oriented
+class WaterTerm:
+    """The levels, and the liquids at each triangle."""
+
+    def __init__(self, nodes: Nodes, structure: Structure) -> None:
+        self.nodes, self.fp, self.dtype = nodes, nodes.fp, nodes.dtype
+        self.kinds = structure.features().water
+        self.used = self.kinds > 0
+        if self.used:
+            self.tri_water = ti.Vector.field(self.kinds, nodes.fp, shape=structure.mesh.tri_count)  # γ along the normal
+            self.water_level = ti.Vector.field(4, nodes.fp, shape=self.kinds)  # upwards, and the height of the level
+
+    def accepts(self, structure: Structure) -> bool:
+        """Whether another structure of the same features fits, where its triangles do."""
+        return True
+
+    def upload(self, structure: Structure) -> None:
+        """Take over a structure's liquids, at level zero."""
+        self.liquids = structure.water
+        if self.used:
+            fill(self.tri_water, np.column_stack([one.weight for one in self.liquids]).astype(self.dtype))
+            self.set(np.zeros(self.kinds))
+
+    def set(self, values: Floats) -> None:
+        """Set each level, above its floor."""
+        if self.used:
+            self.now = np.array(values)
+            # Nodes are stored from the structure's middle.
+            heights = [
+                one.level(value) - one.up @ self.nodes.origin for one, value in zip(self.liquids, values, strict=True)
+            ]
+            planes = np.column_stack([np.array([one.up for one in self.liquids]), heights])
+            fill(self.water_level, planes.astype(self.dtype))
+
+    def values(self) -> Floats:
+        """Present levels."""
+        return self.now if self.used else np.zeros(0)
+
+    @ti.func
+    def depths(self, corners, k: ti.template()):
+        """Depth of each corner of a triangle below level ``k``, negative above it."""
+        level = self.water_level[k]
+        up = ti.Vector([level[0], level[1], level[2]])
+        depth = ti.Vector.zero(self.fp, 3)
+        for c in ti.static(range(3)):
+            place = self.nodes.node_rest[corners[c]] + self.nodes.node_displacement[corners[c]]
+            if ti.static(self.nodes.split_displacement):
+                place += self.nodes.node_displacement_rest[corners[c]]
+            depth[c] = level[3] - up.dot(place)
+        return depth, up
+
+    @ti.func
+    def bound(self, t, corners, longest):
+        """What to add to the size of a triangle's pressure in the bound of its sides' stiffness: γ (d + 2 l)."""
+        total = ti.cast(0.0, self.fp)
+        for k in ti.static(range(self.kinds)):
+            depth, _ = self.depths(corners, k)
+            total += ti.abs(self.tri_water[t][k]) * (ti.max(depth.max(), ti.cast(0.0, self.fp)) + 2.0 * longest)
+        return total
+
+    @ti.func
+    def corner_forces(self, t, corners, directed):
+        """Force on each corner of triangle ``t``, as rows; ``directed`` is its doubled directed area."""
+        force = ti.Matrix.zero(self.fp, 3, 3)
+        for k in ti.static(range(self.kinds)):
+            depth, _ = self.depths(corners, k)
+            share = self.tri_water[t][k] * (wet_matrix(depth) @ depth)
+            force += share.outer_product(directed)
+        return force
+
+    @ti.func
+    def work(self, t, corners, directed):
+        """W of triangle ``t``."""
+        total = ti.cast(0.0, self.fp)
+        for k in ti.static(range(self.kinds)):
+            depth, up = self.depths(corners, k)
+            total -= 0.5 * self.tri_water[t][k] * directed.dot(up) * depth.dot(wet_matrix(depth) @ depth)
+        return total
+
+    @ti.func
+    def add_blocks(self, t, corners, sides, slot_block: ti.template(), pair_block: ti.template()):
+        """Adds the symmetric part to the six blocks of triangle ``t``."""
+        directed = sides[1, :].cross(sides[2, :])
+        for k in ti.static(range(self.kinds)):
+            depth, up = self.depths(corners, k)
+            wet = wet_matrix(depth)
+            share = wet @ depth
+            both = directed.outer_product(up) + up.outer_product(directed)
+            for number in ti.static(range(6)):
+                first, second = ti.static(_BLOCKS[number][0], _BLOCKS[number][1])
+                v = share[second] * sides[first, :] - share[first] * sides[second, :]
+                cross = ti.Matrix([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+                block = 0.5 * self.tri_water[t][k] * (wet[first, second] * both + cross)
+                if ti.static(number < 3):
+                    slot_block[3 * t + number] += block
+                else:
+                    pair_block[3 * t + number - 3] += block
+
+
+@ti.func
+def wet_matrix(depth):
+    """M of a triangle by the depths of its corners, negative ones dry."""
+    whole = (ti.Matrix.identity(float, 3) + 1.0) / 24.0
+    wet = 0.0 * whole
+    count = 0
+    for i in ti.static(range(3)):
+        count += ti.cast(depth[i] > 0.0, ti.i32)
+    if count == 3:
+        wet = whole
+    elif count > 0:
+        lone = count == 1  # the one wet corner, or else the one dry
+        for i in ti.static(range(3)):
+            if (depth[i] > 0.0) == lone:
+                j, k = ti.static((i + 1) % 3, (i + 2) % 3)
+                a, b = depth[i] / (depth[i] - depth[j]), depth[i] / (depth[i] - depth[k])
+                part = 0.0 * whole
+                part[i, i] = (3.0 - a - b) ** 2 + 1.0 + (1.0 - a) ** 2 + (1.0 - b) ** 2
+                part[j, j], part[k, k] = 2.0 * a**2, 2.0 * b**2
+                part[j, k] = a * b
+                part[k, j] = a * b
+                part[i, j] = a * (4.0 - 2.0 * a - b)
+                part[j, i] = part[i, j]
+                part[i, k] = b * (4.0 - a - 2.0 * b)
+                part[k, i] = part[i, k]
+                part *= a * b / 24.0
+                wet = ti.select(lone, part, whole - part)
+    return wet
+
+
+def wet_matrices(depth: Floats) -> Floats:
+    """(n, 3, 3) M of triangles by the depths (n, 3) of their corners; what :func:`wet_matrix` does, in NumPy."""
+    whole = (np.eye(3) + 1.0) / 24.0
+    wet_corner = depth > 0.0
+    count = wet_corner.sum(axis=1)
+    result = np.where((count == 3)[:, None, None], whole, 0.0)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for lone, chosen in ((True, count == 1), (False, count == 2)):
+            here = np.flatnonzero(chosen & (wet_corner[:, i] == lone))
+            d = depth[here]
+            a, b = d[:, i] / (d[:, i] - d[:, j]), d[:, i] / (d[:, i] - d[:, k])
+            one, zero = np.ones_like(a), np.zeros_like(a)
+            shapes = np.empty((len(here), 3, 3))  # of each corner, at the corners of the part
+            shapes[:, i] = np.column_stack([one, 1.0 - a, 1.0 - b])
+            shapes[:, j], shapes[:, k] = np.column_stack([zero, a, zero]), np.column_stack([zero, zero, b])
+            sums = shapes.sum(axis=2)
+            part = sums[:, :, None] * sums[:, None, :] + shapes @ shapes.transpose(0, 2, 1)
+            part *= (a * b / 24.0)[:, None, None]
+            result[here] = part if lone else whole - part
+    return result
+
+
+def corner_forces(structure_points: Floats, one: Water, level: float, displacement: Floats) -> Floats:
+    """(k, 3, 3) force of a liquid on each corner of its triangles."""
+    depth, directed = _depth(structure_points, one, level, displacement), _directed(one, displacement)
+    share = one.weight[one.tri, None] * np.einsum("tab,tb->ta", wet_matrices(depth), depth)
+    return share[:, :, None] * directed[:, None, :]
+
+
+def _depth(points: Floats, one: Water, level: float, displacement: Floats) -> Floats:
+    """(k, 3) depth of the corners of a liquid's triangles."""
+    return one.level(level) - ((points + displacement) @ one.up)[one.mesh.triangles[one.tri]]
+
+
+def _directed(one: Water, displacement: Floats) -> Floats:
+    """(k, 3) doubled directed areas of a liquid's triangles."""
+    sides = sides_now(one.mesh, displacement, one.tri)
+    return np.cross(sides[:, 1], sides[:, 2])
+
+
+def rim_moves(structure: Structure, one: Water) -> bool:
+    """Whether the rim of a liquid's surface moves but in vertical planes that it lies in, so that there is no potential."""
+    mesh, table = structure.mesh, structure.mesh.edge_table
+    along = np.where(mesh.triangles < np.roll(mesh.triangles, -1, axis=1), 1, -1).ravel()[table.half_edges]
+    weight = one.weight[table.half_edges // 3]
+    nodes = table.nodes[np.add.reduceat(weight * along, table.start) != 0.0]
+    if not len(nodes):
+        return False
+    frames = np.broadcast_to(np.eye(3), (*nodes.shape, 3, 3))
+    if structure.node_frame is not None:
+        frames = structure.node_frame[nodes]
+    ways = (np.where(structure.node_held[nodes], 0.0, 1.0)[..., None] * frames).reshape(len(nodes), 6, 3)
+    edge = mesh.points[nodes[:, 1]] - mesh.points[nodes[:, 0]]
+    edge /= np.linalg.norm(edge, axis=1, keepdims=True)
+    span = np.concatenate([ways, edge[:, None]], axis=1)
+    flat = span - (span @ one.up)[..., None] * one.up
+    moving = np.abs(ways).max(axis=(1, 2)) > 0.0
+    return bool((moving & (np.linalg.matrix_rank(flat, tol=_IN_PLANE) > 1)).any())
+
+
+@dataclass(frozen=True, eq=False)
+class WaterSkew:
+    """Skew part of the tangent of one liquid at a state.
+
+    :param value: height of its level above its floor.
+    :param base: (node_count, 3) displacements of the state.
+    """
+
+    structure: Structure
+    one: Water
+    value: float
+    base: Floats
+
+    @property
+    def told(self) -> str:
+        """Where it is, in words."""
+        return f"the rim of a liquid's {len(self.one.tri)} elements, which moves"
+
+    def blocks(self) -> Blocks:
+        """γ/2 (M_ab (N ⊗ e - e ⊗ N) - (M d)_a [s_b]× - (M d)_b [s_a]×), summed over triangles, of which the rim's are left."""
+        one = self.one
+        depth, directed = _depth(self.structure.points, one, self.value, self.base), _directed(one, self.base)
+        wet = wet_matrices(depth)
+        share, weight = np.einsum("tab,tb->ta", wet, depth), 0.5 * one.weight[one.tri]
+        turned = directed[:, :, None] * one.up - one.up[:, None] * directed[:, None, :]
+        cross = _cross_matrices(sides_now(one.mesh, self.base, one.tri))
+        nodes, count = one.mesh.triangles[one.tri].astype(np.int64), self.structure.node_count
+        keys, values = [], []
+        for a in range(3):
+            for b in range(3):
+                block = wet[:, a, b, None, None] * turned
+                block = block - share[:, a, None, None] * cross[:, b] - share[:, b, None, None] * cross[:, a]
+                keys.append(nodes[:, a] * count + nodes[:, b])
+                values.append(weight[:, None, None] * block)
+        places, number = np.unique(np.concatenate(keys), return_inverse=True)
+        total = np.zeros((len(places), 3, 3))
+        np.add.at(total, number.ravel(), np.concatenate(values))
+        size, largest = np.abs(total).max(axis=(1, 2)), max(float(np.abs(block).max(initial=0.0)) for block in values)
+        left = np.flatnonzero(size > _CANCELLED * largest)
+        return Blocks(places[left] // count, places[left] % count, total[left])
+
+    def work_beyond(self, displacement: Floats) -> float:
+        """Minus the work along the straight way from ``base``, and the change of W, which the potential energy has."""
+        step = (displacement - self.base)[self.one.mesh.triangles[self.one.tri]]
+        done = 0.0
+        for point, weight in zip(*np.polynomial.legendre.leggauss(_POINTS), strict=True):
+            place = self.base + 0.5 * (point + 1.0) * (displacement - self.base)
+            done += (
+                0.5 * weight * float(np.vdot(corner_forces(self.structure.points, self.one, self.value, place), step))
+            )
+        return self._flux(displacement) - self._flux(self.base) - done
+
+    def _flux(self, displacement: Floats) -> float:
+        """W at a displacement."""
+        depth, directed = (
+            _depth(self.structure.points, self.one, self.value, displacement),
+            _directed(self.one, displacement),
+        )
+        square = np.einsum("ta,tab,tb->t", depth, wet_matrices(depth), depth)
+        return -0.5 * float((self.one.weight[self.one.tri] * (directed @ self.one.up)) @ square)
+
+
+def _cross_matrices(vectors: Floats) -> Floats:
+    """(..., 3, 3) [v]× of vectors (..., 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [np.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return np.stack(rows, axis=-2)
