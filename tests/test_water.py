@@ -161,6 +161,19 @@ def test_equilibrium_derivatives_and_relaxation() -> None:
         assert np.abs(relaxed.displacement - step.displacement).max() < 1e-6
 
 
+@pytest.mark.parametrize("water", [{}, {"group": "half"}])
+def test_the_level_is_followed_by_arc_length(water: dict[str, Any]) -> None:
+    """To the same state as under load control, with a potential and without."""
+    start = {"name": "fill", "pressure": 1.0, "loads": {"water": 0.6}}
+    rise = {"name": "rise", "loads": {"water": 1.25}}
+    path = run(ball(water, stages=[start, rise | {"control": "arc_length", "steps": 30}], derivatives=[]))
+    assert path.converged
+    last = path.steps[-1]
+    assert last.drivers["load.water"] == 1.25
+    there = run(ball(water, stages=[start, rise], derivatives=[])).steps[-1]
+    assert np.abs(last.displacement - there.displacement).max() < 1e-9
+
+
 def tube(around: int, **changes: Any) -> Scene:
     """A ring of perimeter 1 and E t = 200 on a plane, blown up and then filled, to the level of twice the final height."""
     radius = 0.5 / np.pi

@@ -17,8 +17,6 @@ from taichi_membrane.mechanics.water import WaterTerm
 from taichi_membrane.names import TAUT
 
 _BOUNDS = ("count", "block_length", "blocks")
-# The distinct blocks of a triangle: the three diagonal ones, then side a's, which couples corners a+1 and a+2.
-_BLOCKS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 
 
 @ti.data_oriented
@@ -298,7 +296,7 @@ class Triangles:
             for c in ti.static(range(3)):
                 gradient[a, c] = factor[a] * sides[a, c]
         for number in ti.static(range(6)):
-            first, second = ti.static(_BLOCKS[number][0], _BLOCKS[number][1])
+            first, second = ti.static(element.BLOCKS[number][0], element.BLOCKS[number][1])
             block = ti.Matrix.zero(self.fp, 3, 3)
             for a in ti.static(range(3)):
                 if ti.static(_sign(a, first) != 0):

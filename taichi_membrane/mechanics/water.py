@@ -19,13 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics import element
 from taichi_membrane.mechanics.nodes import Nodes, fill
 from taichi_membrane.mechanics.preparation import Floats, Water, sides_now
 from taichi_membrane.mechanics.skew import Blocks
 from taichi_membrane.mechanics.structure import Structure
 
-# The distinct blocks of a triangle: the three diagonal ones, then side a's, which couples corners a+1 and a+2.
-_BLOCKS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 # Skew parts of neighbours that cancel to this share of the largest block are round-off.
 _CANCELLED = 1e-12
 # Directions closer than this are one, as in :mod:`rim`.
@@ -123,7 +122,7 @@ class WaterTerm:
             share = wet @ depth
             both = directed.outer_product(up) + up.outer_product(directed)
             for number in ti.static(range(6)):
-                first, second = ti.static(_BLOCKS[number][0], _BLOCKS[number][1])
+                first, second = ti.static(element.BLOCKS[number][0], element.BLOCKS[number][1])
                 v = share[second] * sides[first, :] - share[first] * sides[second, :]
                 cross = ti.Matrix([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
                 block = 0.5 * self.tri_water[t][k] * (wet[first, second] * both + cross)

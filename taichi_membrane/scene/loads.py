@@ -182,7 +182,8 @@ class WaterLoad(Record):
     """A liquid that stands on one side of the surface; stages give the height of its level above ``floor`` [length].
 
     It presses along the moving normal with its specific weight times the present depth below the level; what lies above the level
-    is dry. At level zero, where it is until a stage raises it, everything has to be dry at rest.
+    is dry. At level zero, where it is until a stage raises it, everything has to be dry at rest. By arc length it rises from a
+    level that wets something.
     """
 
     kind: Literal["water"]
