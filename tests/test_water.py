@@ -13,7 +13,7 @@ from test_snow import assert_work, crumpled, whole_tangent
 from taichi_membrane.errors import InputError
 from taichi_membrane.execution.run import run
 from taichi_membrane.mechanics.system import System
-from taichi_membrane.mechanics.water import wet_matrices
+from taichi_membrane.mechanics.wet import wet_matrices
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.model import build_mesh
 from taichi_membrane.simulation.solver_choice import without_potential

@@ -8,7 +8,7 @@ S symmetric (what :mod:`tangent` assembles) and, for virtual displacements v and
 
 Z vanishes where an edge's ends cannot move, or only in one plane with the edge, as in a plane of symmetry.
 
-Loads per plan area have no potential anywhere; their skew part (:mod:`snow`) is added to Z.
+Loads per plan area have no potential anywhere; their skew part (:mod:`snow_skew`) is added to Z.
 
 In place of an energy Newton lowers minus the work of all forces along its straight step. Its slope is that of the forces and its
 curvature d·S d, as d·Z d = 0: the exact unsymmetric step goes down wherever S is positive definite.
@@ -27,9 +27,9 @@ from taichi_membrane.algebra.krylov import gmres
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.skew import Blocks, Part, Skew
-from taichi_membrane.mechanics.snow import SnowSkew
+from taichi_membrane.mechanics.snow_skew import SnowSkew
 from taichi_membrane.mechanics.structure import Structure
-from taichi_membrane.mechanics.water import WaterSkew, rim_moves
+from taichi_membrane.mechanics.wet import WaterSkew, rim_moves
 
 __all__ = ["EdgeSkew", "Rim", "Skew", "SkewFactor", "symmetric"]
 

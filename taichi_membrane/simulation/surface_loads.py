@@ -9,7 +9,7 @@ import numpy as np
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Floats, PlanLoads, Water, nodal_pressure, sides_now, sum_to_nodes
-from taichi_membrane.mechanics.water import corner_forces
+from taichi_membrane.mechanics.wet import corner_forces
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene, SnowLoad, WaterLoad, WindLoad, WindTable
 from taichi_membrane.simulation.groups import group_triangles
