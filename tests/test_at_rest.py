@@ -151,7 +151,9 @@ def test_what_cannot_be_differentiated_is_refused() -> None:
         ValueError, match=r"derivatives\[1\]: probe 'peak' is of kind 'stress'; derivatives exist for displace"
     ):
         Scene.model_validate(TUBE | {"probes": probes, "derivatives": ["peak"]})
-    with pytest.raises(ValueError, match=r"fabrics\.wall\.density is missing: modes\.kind = 'vibration' needs it"):
+    with pytest.raises(
+        ValueError, match=r"fabrics\.wall\.density is missing \(or mass_per_area\): modes\.kind = 'vibration' needs it"
+    ):
         Scene.model_validate(TUBE | {"modes": {"kind": "vibration"}})
     with pytest.raises(ValueError, match=r"need the tangent of solver\.kind"):
         Scene.model_validate(TUBE | {"solver": {"kind": "relaxation"}})

@@ -222,7 +222,7 @@ def _potential_lines(model: Model) -> list[str]:
     if not model.chambers:
         return []
     where = without_potential(model)
-    return [f"without a potential at {where}: unsymmetric tangent, no energy" if where else "has a potential"]
+    return [f"without a potential in {where}: unsymmetric tangent, no energy" if where else "has a potential"]
 
 
 def _cable_line(cable: Cable) -> str:

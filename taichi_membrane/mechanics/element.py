@@ -6,6 +6,9 @@ functions of values; equation numbers are those of the seed paper.
 
 from taichi_membrane.device.language import ti
 
+# The distinct blocks of a triangle: the three diagonal ones, then side a's, which couples corners a+1 and a+2.
+BLOCKS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+
 
 @ti.func
 def side_extension(rest, stretch, rest_length, green: ti.template()):

@@ -4,6 +4,7 @@ gather lists."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +92,42 @@ class Plane:
     normal: Floats
     through: Floats
     nodes: Ints
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanLoads:
+    """Loads along one direction on each unit of area seen along it; each has a value that a run sets.
+
+    :param direction: unit vector of the force.
+    :param share: (tri_count, n) how much of each load a triangle bears.
+    """
+
+    direction: Floats
+    share: Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Water:
+    """A liquid that stands on one side of some triangles.
+
+    :param up: unit vector upwards.
+    :param floor: height along it at which its level has the value 0.
+    :param weight: (tri_count,) weight per volume where it presses along the normals, less than 0 where against them, else 0.
+    """
+
+    mesh: Mesh
+    up: Floats
+    floor: float
+    weight: Floats
+
+    @cached_property
+    def tri(self) -> Ints:
+        """Numbers of its triangles."""
+        return np.flatnonzero(self.weight)
+
+    def level(self, value: float) -> float:
+        """Height of its level along ``up``."""
+        return self.floor + value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,6 +223,12 @@ def sum_to_nodes(mesh: Mesh, corner_values: Floats) -> Floats:
 def sides_of(triangles: Ints) -> Ints:
     """(3 · tri_count, 2) nodes of the triangles' sides, side a from corner a+1 to corner a+2."""
     return np.column_stack([np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()])
+
+
+def sides_now(mesh: Mesh, displacement: Floats, tri: Ints) -> Floats:
+    """(k, 3, 3) vectors of the sides of some triangles at a displacement; side a from corner a+1 to corner a+2."""
+    corners = (mesh.points + displacement)[mesh.triangles[tri]]
+    return np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
 
 
 def edge_keys(pairs: Ints, node_count: int) -> NDArray[np.int64]:

@@ -1,7 +1,7 @@
-"""Follower pressure on triangles: what each chamber's pressure is, and which chambers lie on either side of a triangle.
+"""Follower pressure on triangles: what each chamber's pressure is, which chambers lie on either side of a triangle, and wind.
 
-A triangle's pressure is p_behind - p_ahead, behind being the side that its normal points away from. It is a load on the triangles
-and has no loop of its own: the triangles' loop has the sides at hand.
+A triangle's pressure is p_behind - p_ahead, behind being the side that its normal points away from, and what winds add. It is a
+load on the triangles and has no loop of its own: the triangles' loop has the sides at hand.
 Where it has a potential, and where not: :mod:`taichi_membrane.mechanics.rim`.
 """
 
@@ -15,11 +15,12 @@ from taichi_membrane.mechanics.structure import Structure
 
 @ti.data_oriented
 class Pressure:
-    """The chambers' pressures, and the chambers at each triangle."""
+    """The chambers' pressures, the chambers at each triangle, and the winds on it."""
 
     def __init__(self, structure: Structure, fp, dtype) -> None:
         self.fp, self.dtype = fp, dtype
-        self.kind = structure.features().pressure
+        self.kind, self.windy = structure.features().pressure, structure.features().wind
+        self.used = self.kind != "none" or self.windy
         if self.kind != "none":
             self.chamber_pressure = ti.field(fp, shape=structure.chamber_count)
         if self.kind == "by_chamber":
@@ -27,13 +28,18 @@ class Pressure:
         if self.kind == "by_side":
             self.tri_sides = ti.Vector.field(2, ti.i32, shape=structure.mesh.tri_count)  # behind, ahead
 
+        if self.windy:
+            self.tri_wind = ti.field(fp, shape=structure.mesh.tri_count)
+
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure fits, where it fits the nodes and triangles."""
         return self.kind == "none" or structure.chamber_count <= self.chamber_pressure.shape[0]
 
     def upload(self, structure: Structure) -> None:
         """Take over a structure's chambers."""
-        self.chamber_count = structure.chamber_count
+        self.chamber_count, self.wind = structure.chamber_count, structure.wind
+        if self.wind is not None:
+            self.blow(np.zeros(self.wind.shape[1]))
         if self.kind == "by_chamber":
             fill(self.tri_chamber, structure.tri_chamber.astype(np.int32))
         if self.kind == "by_side":
@@ -56,13 +62,26 @@ class Pressure:
                 pressure = self.chamber_pressure[behind]
             if ahead >= 0:
                 pressure -= self.chamber_pressure[ahead]
+        if ti.static(self.windy):
+            pressure += self.tri_wind[t]
         return pressure
 
-    def set(self, pressures: Floats) -> None:
-        """Set each chamber's pressure (force per area)."""
+    def set(self, values: Floats) -> None:
+        """Set each chamber's pressure (force per area) and, after them, each wind's value."""
         if self.kind != "none":
-            fill(self.chamber_pressure, np.asarray(pressures, dtype=self.dtype))
+            fill(self.chamber_pressure, np.asarray(values[: self.chamber_count], dtype=self.dtype))
+        if self.wind is not None:
+            self.blow(values[self.chamber_count :])
+
+    def blow(self, values: Floats) -> None:
+        """Set each wind's value."""
+        assert self.wind is not None  # there is none else
+        self.wind_now = np.array(values)
+        fill(self.tri_wind, (self.wind @ self.wind_now).astype(self.dtype))
 
     def values(self) -> Floats:
-        """(chamber_count,) present pressures."""
-        return np.zeros(0) if self.kind == "none" else self.chamber_pressure.to_numpy()[: self.chamber_count]
+        """(pressure_count,) present pressures, and values of winds."""
+        chambers = np.zeros(0)
+        if self.kind != "none":
+            chambers = self.chamber_pressure.to_numpy()[: self.chamber_count]
+        return chambers if self.wind is None else np.concatenate([chambers, self.wind_now])

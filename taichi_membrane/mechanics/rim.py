@@ -8,6 +8,8 @@ S symmetric (what :mod:`tangent` assembles) and, for virtual displacements v and
 
 Z vanishes where an edge's ends cannot move, or only in one plane with the edge, as in a plane of symmetry.
 
+Loads per plan area have no potential anywhere; their skew part (:mod:`snow_skew`) is added to Z.
+
 In place of an energy Newton lowers minus the work of all forces along its straight step. Its slope is that of the forces and its
 curvature d·S d, as d·Z d = 0: the exact unsymmetric step goes down wherever S is positive definite.
 """
@@ -20,14 +22,18 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from taichi_membrane.algebra.krylov import Found, gmres
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.algebra.refinement import GOOD, USELESS, refined
 from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.mechanics.skew import Blocks, Part, Skew
+from taichi_membrane.mechanics.snow_skew import SnowSkew
 from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mechanics.wet import WaterSkew, rim_moves
+
+__all__ = ["EdgeSkew", "Rim", "Skew", "SkewFactor", "symmetric"]
 
 _SHARES = np.array([[2.0, 1.0], [1.0, 2.0]]) / 12.0  # of the two ends of an edge: ∫ N_a N_b / 2
 # Directions closer than this are one: round-off of frames is 1e-16, a plane of symmetry that is off by more is none.
@@ -46,27 +52,43 @@ class Rim:
     """Edges of one structure at which pressures may be without a potential.
 
     :param nodes: (k, 2) their ends.
-    :param sense: (k, chamber_count) how often each chamber's boundary runs along the edge; q = sense · p.
+    :param sense: (k, pressure_count) how often the boundary of each chamber, or wind, runs along the edge; q = sense · p.
+    :param liquids: numbers of those without a potential.
     """
 
     structure: Structure
     nodes: Ints
-    sense: Ints
+    sense: Floats
+    liquids: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, structure: Structure) -> Rim:
         """All such edges of a structure, for any pressures."""
         nodes, sense = structure.pressure_edges
         loose = _can_turn(structure, nodes)
-        return cls(structure, nodes[loose], sense[loose])
+        liquids = tuple(number for number, one in enumerate(structure.water) if rim_moves(structure, one))
+        return cls(structure, nodes[loose], sense[loose], liquids)
 
-    def at(self, pressures: Floats, displacement: Floats) -> Skew | None:
-        """Skew part of the tangent at a state; None where these pressures have a potential."""
+    def at(self, values: Floats, displacement: Floats) -> Skew | None:
+        """Skew part of the tangent at a state; None where all forces have a potential.
+
+        :param values: of all loads on the surface, as :meth:`.System.pressures` has them.
+        """
+        found: list[Part | None] = [self._edges(values[: self.structure.pressure_count], displacement)]
+        found.append(SnowSkew.at(self.structure, values[self.structure.snow_values], displacement))
+        levels = values[self.structure.water_values]
+        for number in self.liquids:
+            found.append(WaterSkew(self.structure, self.structure.water[number], float(levels[number]), displacement))
+        parts = [part for part in found if part is not None]
+        return Skew(self.structure, parts) if parts else None
+
+    def _edges(self, pressures: Floats, displacement: Floats) -> EdgeSkew | None:
+        """That of pressures that end or jump at edges."""
         if not len(self.nodes):
             return None
         jump = self.sense @ pressures
         chosen = np.flatnonzero(np.abs(jump) > _EQUAL * np.abs(pressures).max())
-        return Skew(self.structure, self.nodes[chosen], jump[chosen], displacement) if len(chosen) else None
+        return EdgeSkew(self.structure, self.nodes[chosen], jump[chosen], displacement) if len(chosen) else None
 
 
 def _can_turn(structure: Structure, nodes: Ints) -> Ints:
@@ -85,8 +107,8 @@ def _can_turn(structure: Structure, nodes: Ints) -> Ints:
 
 
 @dataclass(frozen=True, eq=False)
-class Skew:
-    """Skew part of the tangent at a state.
+class EdgeSkew:
+    """Skew part of the tangent of pressures that end or jump at edges, at a state.
 
     :param nodes: (k, 2) edges; ``jump`` (k,) q of each.
     :param base: (node_count, 3) displacements of the state.
@@ -97,40 +119,24 @@ class Skew:
     jump: Floats
     base: Floats
 
-    @cached_property
-    def ends(self) -> Ints:
-        """Nodes on the edges."""
-        return np.unique(self.nodes)
+    @property
+    def told(self) -> str:
+        """Where it is, in words."""
+        ends = [tuple(self.structure.points[node].tolist()) for node in self.nodes[0]]
+        return f"{len(self.nodes)} edges, the first from {ends[0]} to {ends[1]}"
 
-    @cached_property
-    def matrix(self) -> sparse.csr_matrix:
-        """Z over the components of ``ends``, in the supports' axes, zero at held ones."""
-        structure, places = self.structure, self.structure.points + self.base
-        at = np.searchsorted(self.ends, self.nodes)
+    def blocks(self) -> Blocks:
+        """q/12 [s]× ⊗ [[2, 1], [1, 2]] of each edge."""
+        places = self.structure.points + self.base
         x, y, z = ((places[self.nodes[:, 1]] - places[self.nodes[:, 0]]) * self.jump[:, None]).T
         zero = np.zeros_like(x)
         cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-        axes = np.broadcast_to(np.eye(3), (len(self.ends), 3, 3))
-        if structure.node_frame is not None:
-            axes = structure.node_frame[self.ends]
-        axes = axes * ~structure.node_held[self.ends][:, :, None]
-        i, j = np.meshgrid(np.arange(3), np.arange(3), indexing="ij")
-        rows, columns, blocks = [], [], []
-        for a in range(2):
-            for b in range(2):
-                blocks.append(_SHARES[a, b] * axes[at[:, a]] @ cross @ axes[at[:, b]].transpose(0, 2, 1))
-                rows.append(3 * at[:, a, None, None] + i)
-                columns.append(3 * at[:, b, None, None] + j)
-        size = 3 * len(self.ends)
-        places_in = (np.concatenate(rows).ravel(), np.concatenate(columns).ravel())
-        return sparse.csr_matrix((np.concatenate(blocks).ravel(), places_in), shape=(size, size))
-
-    def times(self, vector: Floats, *, transposed: bool = False) -> Floats:
-        """Z, or Zᵀ = -Z, times a vector (node_count, 3)."""
-        result = np.zeros_like(vector)
-        product = (self.matrix @ vector[self.ends].ravel()).reshape(-1, 3)
-        result[self.ends] = -product if transposed else product
-        return result
+        pairs = [(a, b) for a in range(2) for b in range(2)]
+        return Blocks(
+            np.concatenate([self.nodes[:, a] for a, _ in pairs]),
+            np.concatenate([self.nodes[:, b] for _, b in pairs]),
+            np.concatenate([_SHARES[a, b] * cross for a, b in pairs]),
+        )
 
     def work_beyond(self, displacement: Floats) -> float:
         """What p times the volume swept since rest takes for work and the way from ``base`` straight to a displacement does not do.

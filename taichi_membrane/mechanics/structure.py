@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 
 from taichi_membrane.algebra.elimination import Elimination, kept_elimination
 from taichi_membrane.mechanics import preparation
-from taichi_membrane.mechanics.preparation import Cables, FabricConstants, Floats, Ints, Plane, TriangleGeometry
+from taichi_membrane.mechanics.preparation import (
+    Cables,
+    FabricConstants,
+    Floats,
+    Ints,
+    Plane,
+    PlanLoads,
+    TriangleGeometry,
+    Water,
+)
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import WrinklingLaw
 
@@ -34,6 +43,8 @@ class Features:
     ``pressure``: ``none``, ``uniform`` (one value on all triangles), ``by_chamber`` (a chamber number per triangle) or ``by_side``
     (one for each side of a triangle).
     ``several_fabrics``: a fabric number per triangle. ``prestress``: a strain offset per fabric. ``loads``: a load vector per node.
+    ``wind``: a pressure per triangle beside those of chambers. ``snow``: a load per plan area of each triangle.
+    ``water``: how many liquids.
     ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``planes``: how many.
     """
 
@@ -41,6 +52,9 @@ class Features:
     several_fabrics: bool
     prestress: bool
     pressure: PressureKind
+    wind: bool
+    snow: bool
+    water: int
     loads: bool
     slanted: bool
     cables: bool
@@ -59,6 +73,9 @@ class Features:
             "follower pressure": self.pressure != "none",
             "several pressures": self.pressure in ("by_chamber", "by_side"),
             "pressure on both sides": self.pressure == "by_side",
+            "wind": self.wind,
+            "snow (load per plan area)": self.snow,
+            "liquids": self.water > 0,
             "dead loads": self.loads,
             "slanted supports": self.slanted,
             "cables": self.cables,
@@ -71,6 +88,9 @@ class Features:
 class Structure:
     """A mesh with its fabrics, supports, the surfaces that pressure acts on, cables and planes; all that mechanics needs to know.
 
+    A run sets the values of loads on the surface in one array: pressures of the chambers, then winds, loads per plan area, and
+    levels of liquids.
+
     :param tri_fabric: (tri_count,) number of each triangle's fabric in ``fabrics``.
     :param tri_warp: (tri_count, 3) warp direction, projected on the element.
     :param node_held: (node_count, 3) True where a displacement component is held or prescribed.
@@ -79,6 +99,7 @@ class Structure:
     :param loads: whether dead nodal loads will be given.
     :param tri_ahead: (tri_count,) number of the chamber before each triangle, whose pressure acts against its normal; -1 for none.
         None where all are -1.
+    :param wind: (tri_count, n) pressure along each triangle's normal at value 1 of each wind.
     """
 
     mesh: Mesh
@@ -92,6 +113,9 @@ class Structure:
     tri_ahead: Ints | None = None
     cables: Cables | None = None
     planes: tuple[Plane, ...] = ()
+    wind: Floats | None = None
+    snow: PlanLoads | None = None
+    water: tuple[Water, ...] = ()
 
     @property
     def points(self) -> Floats:
@@ -108,6 +132,21 @@ class Structure:
         """Number of pressures."""
         ahead = -1 if self.tri_ahead is None else int(self.tri_ahead.max())
         return max(int(self.tri_chamber.max()), ahead) + 1
+
+    @property
+    def pressure_count(self) -> int:
+        """Number of pressures: those of chambers, and winds."""
+        return self.chamber_count + (0 if self.wind is None else self.wind.shape[1])
+
+    @property
+    def snow_values(self) -> slice:
+        """Where the loads per plan area stand among the values of all loads on the surface."""
+        return slice(self.pressure_count, self.pressure_count + (0 if self.snow is None else self.snow.share.shape[1]))
+
+    @property
+    def water_values(self) -> slice:
+        """Where the levels of liquids stand among these values."""
+        return slice(self.snow_values.stop, self.snow_values.stop + len(self.water))
 
     @cached_property
     def geometry(self) -> TriangleGeometry:
@@ -145,16 +184,22 @@ class Structure:
         return preparation.pair_lists(self.pairs, self.edges, self.elimination.edge_node[:, 1], self.node_count)
 
     @cached_property
-    def pressure_edges(self) -> tuple[Ints, Ints]:
-        """Edges (k, 2) where pressures end or jump, and how often each chamber's boundary runs along them, (k, chamber_count)."""
+    def pressure_edges(self) -> tuple[Ints, Floats]:
+        """Edges (k, 2) where pressures end or jump, and how often the boundary of each runs along them, (k, pressure_count).
+
+        A wind counts with the pressure at its value 1.
+        """
         corners, table = self.mesh.triangles, self.mesh.edge_table
         along = np.where(corners < np.roll(corners, -1, axis=1), 1, -1).ravel()[table.half_edges]
-        sense = np.zeros((len(table.start), self.chamber_count), dtype=np.int64)
+        sense = np.zeros((len(table.start), self.pressure_count))
         for chambers, side in ((self.tri_chamber, 1), (self.tri_ahead, -1)):
             if chambers is not None:
                 of_side = chambers[table.half_edges // 3]
                 for number in range(self.chamber_count):
                     sense[:, number] += np.add.reduceat(np.where(of_side == number, side * along, 0), table.start)
+        if self.wind is not None:
+            blown = self.wind[table.half_edges // 3] * along[:, None]
+            sense[:, self.chamber_count :] = np.add.reduceat(blown, table.start, axis=0)
         ends = np.flatnonzero(sense.any(axis=1))
         return table.nodes[ends].astype(np.int64), sense[ends]
 
@@ -185,6 +230,9 @@ class Structure:
             several_fabrics=len(self.fabrics) > 1,
             prestress=any(any(fabric.prestress) for fabric in used),
             pressure=pressure,
+            wind=self.wind is not None,
+            snow=self.snow is not None,
+            water=len(self.water),
             loads=self.loads,
             slanted=self.node_frame is not None,
             cables=self.cables is not None,

@@ -15,9 +15,11 @@ from taichi_membrane.mechanics.nodes import Nodes, field_bytes
 from taichi_membrane.mechanics.planes import PlaneTerm
 from taichi_membrane.mechanics.preparation import Floats, TriangleGeometry
 from taichi_membrane.mechanics.pressure import Pressure
+from taichi_membrane.mechanics.snow import Snow
 from taichi_membrane.mechanics.structure import Structure
-from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm
+from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm, Term
 from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
+from taichi_membrane.mechanics.water import WaterTerm
 
 
 @ti.data_oriented
@@ -27,7 +29,9 @@ class System(Nodes):
     def __init__(self, structure: Structure) -> None:
         super().__init__(structure)
         self.pressure = Pressure(structure, self.fp, self.dtype)
-        self.triangles = Triangles(self, self.pressure, structure)
+        self.snow = Snow(structure, self.fp, self.dtype)
+        self.water = WaterTerm(self, structure)
+        self.triangles = Triangles(self, self.pressure, self.snow, self.water, structure)
         self.cables = CableTerm(self, structure) if self.features.cables else None
         self.planes = tuple(PlaneTerm(self, structure, number) for number in range(self.features.planes))
         others = () if self.cables is None else (self.cables,)
@@ -37,19 +41,23 @@ class System(Nodes):
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure fits these fields and the kernels compiled for them: same features, no larger."""
-        parts = (self.pressure, *self.terms, *self.node_terms)
+        parts = self._parts()
         return super().accepts(structure) and all(part.accepts(structure) for part in parts)
 
     def upload(self, structure: Structure) -> None:
         """Put a structure that :meth:`accepts` lets through in place of the present one, at rest."""
         super().upload(structure)
         self.tri_count = structure.mesh.tri_count
-        for part in (self.pressure, *self.terms, *self.node_terms):
+        for part in self._parts():
             part.upload(structure)
+
+    def _parts(self) -> tuple[Term, ...]:
+        """All that own fields beside the nodes."""
+        return (self.pressure, self.snow, self.water, *self.terms, *self.node_terms)
 
     def fields(self) -> Iterator[tuple[str, Any]]:
         """Every Taichi field with its name."""
-        for owner in (self, self.pressure, *self.terms, *self.node_terms):
+        for owner in (self, *self._parts()):
             yield from ((name, one) for name, one in vars(owner).items() if isinstance(one, ti.Field))
 
     def bytes_allocated(self) -> int:
@@ -134,13 +142,18 @@ class System(Nodes):
 
     # ---- what a run sets and asks
 
-    def set_pressures(self, pressures: Floats) -> None:
-        """Set each chamber's pressure (force per area)."""
-        self.pressure.set(pressures)
+    def set_pressures(self, values: Floats) -> None:
+        """Set the values of all loads on the surface: each chamber's pressure, winds, loads per plan area, levels."""
+        self.pressure.set(values[: self.structure.pressure_count])
+        self.snow.set(values[self.structure.snow_values])
+        self.water.set(values[self.structure.water_values])
 
     def pressures(self) -> Floats:
-        """(chamber_count,) present pressures."""
-        return self.pressure.values()
+        """Present values of all loads on the surface, on which the tangent depends; pressures of the chambers first."""
+        pressures = self.pressure.values()
+        if not (self.snow.used or self.water.used):
+            return pressures
+        return np.concatenate([pressures, self.snow.values(), self.water.values()])
 
     @property
     def geometry(self) -> TriangleGeometry:

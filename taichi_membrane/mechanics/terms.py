@@ -20,7 +20,9 @@ has exist: the others allocate nothing and compile nothing.
 with M ≥ ¼ ``bound``, as nothing at another end counts it a second time.
 
 *Global terms* couple many nodes. They stay on the host and wrap the sparse factor: shut chambers (:mod:`gas`) and,
-outside of those, pressure that has no potential (:mod:`rim`).
+outside of those, loads on the surface that have no potential (:mod:`rim`).
+
+Loads on the surface (:mod:`pressure`, :mod:`snow`, :mod:`water`) are inlined in the triangles' loop, which has the sides at hand.
 """
 
 from __future__ import annotations

@@ -11,20 +11,20 @@ from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.nodes import Array, Nodes, blocks_of, fill
 from taichi_membrane.mechanics.preparation import FabricConstants, Floats
 from taichi_membrane.mechanics.pressure import Pressure
+from taichi_membrane.mechanics.snow import Snow
 from taichi_membrane.mechanics.structure import Features, Structure, variant_of
+from taichi_membrane.mechanics.water import WaterTerm
 from taichi_membrane.names import TAUT
 
 _BOUNDS = ("count", "block_length", "blocks")
-# The distinct blocks of a triangle: the three diagonal ones, then side a's, which couples corners a+1 and a+2.
-_BLOCKS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 
 
 @ti.data_oriented
 class Triangles:
     """Fields and device code of a structure's triangles. Their slots are corners, 3 · triangle + corner; their pairs are sides."""
 
-    def __init__(self, nodes: Nodes, pressure: Pressure, structure: Structure) -> None:
-        self.nodes, self.pressure = nodes, pressure
+    def __init__(self, nodes: Nodes, pressure: Pressure, snow: Snow, water: WaterTerm, structure: Structure) -> None:
+        self.nodes, self.pressure, self.snow, self.water = nodes, pressure, snow, water
         self.features, self.fp, self.dtype = nodes.features, nodes.fp, nodes.dtype
         fp, features, triangles, fabrics = self.fp, self.features, structure.mesh.tri_count, len(structure.fabrics)
         self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())
@@ -177,11 +177,21 @@ class Triangles:
         side_0, side_1, side_2 = rest[0, :] + stretch[0, :], rest[1, :] + stretch[1, :], rest[2, :] + stretch[2, :]
         pull_0, pull_1, pull_2 = density[0] * side_0, density[1] * side_1, density[2] * side_2
         force_0, force_1, force_2 = pull_2 - pull_1, pull_0 - pull_2, pull_1 - pull_0
-        if ti.static(self.features.pressure != "none"):
+        if ti.static(self.pressure.used):
             push = element.pressure_corner_force(self.pressure.on(t), side_1, side_2)
             force_0 += push
             force_1 += push
             force_2 += push
+        if ti.static(self.snow.used):
+            weight = self.snow.corner_force(t, side_1, side_2)
+            force_0 += weight
+            force_1 += weight
+            force_2 += weight
+        if ti.static(self.water.used):
+            wet = self.water.corner_forces(t, self.tri_node[t], side_1.cross(side_2))
+            force_0 += wet[0, :]
+            force_1 += wet[1, :]
+            force_2 += wet[2, :]
         self.nodes.slot_force[3 * t] = force_0
         self.nodes.slot_force[3 * t + 1] = force_1
         self.nodes.slot_force[3 * t + 2] = force_2
@@ -195,11 +205,16 @@ class Triangles:
         rest, stretch = self.sides(t)
         side_force, length, _ = self.natural_forces(t, k, rest, stretch, variant)
         bound = 0.0 * rest_length
+        pressure = self.pressure.on(t)
+        if ti.static(self.snow.used):
+            pressure = ti.abs(pressure) + self.snow.bound(t)
+        if ti.static(self.water.used):
+            pressure = ti.abs(pressure) + self.water.bound(t, self.tri_node[t], length.max())
         for a in ti.static(range(3)):
             column = fabric.elastic_stress(ti.Vector([matrix[0, a], matrix[1, a], matrix[2, a]]), f)
             row_sum = self.tri_volume[t] * ti.abs(matrix.transpose() @ column).sum()
             bound[a] = element.side_stiffness_bound(
-                row_sum, side_force[a], length[a], rest_length[a], self.pressure.on(t), variant.green
+                row_sum, side_force[a], length[a], rest_length[a], pressure, variant.green
             )
         return bound
 
@@ -231,8 +246,12 @@ class Triangles:
             if self.has_variant(k, number):
                 density = self.energy_density(t, k, self.features.variants[number])
         work = ti.cast(0.0, self.fp)
-        if ti.static(self.features.pressure != "none"):
+        if ti.static(self.pressure.used):
             work = self.pressure.on(t) * self.swept_by(t)
+        if ti.static(self.water.used):
+            rest, stretch = self.sides(t)
+            sides = rest + stretch
+            work += self.water.work(t, self.tri_node[t], sides[1, :].cross(sides[2, :]))
         return ti.Vector([self.tri_volume[t] * density, work])
 
     @ti.func
@@ -277,7 +296,7 @@ class Triangles:
             for c in ti.static(range(3)):
                 gradient[a, c] = factor[a] * sides[a, c]
         for number in ti.static(range(6)):
-            first, second = ti.static(_BLOCKS[number][0], _BLOCKS[number][1])
+            first, second = ti.static(element.BLOCKS[number][0], element.BLOCKS[number][1])
             block = ti.Matrix.zero(self.fp, 3, 3)
             for a in ti.static(range(3)):
                 if ti.static(_sign(a, first) != 0):
@@ -292,12 +311,16 @@ class Triangles:
                         block += both * element.side_curvature(
                             side_force[a], sides[a, :], length[a], factor[a], variant.green
                         )
-            if ti.static(first != second and self.features.pressure != "none"):
+            if ti.static(first != second and self.pressure.used):
                 block += element.pressure_stiffness(pressure, sides[first, :], sides[second, :])
+            if ti.static(self.snow.used):
+                block += self.snow.stiffness(t, sides[first, :], sides[second, :], sides[1, :], sides[2, :])
             if ti.static(number < 3):
                 slot_block[3 * t + number] = block
             else:
                 pair_block[3 * t + number - 3] = block
+        if ti.static(self.water.used):
+            self.water.add_blocks(t, self.tri_node[t], sides, slot_block, pair_block)
 
     @ti.func
     def state_of(self, t, k, variant: ti.template()):

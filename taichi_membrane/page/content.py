@@ -18,6 +18,7 @@ from taichi_membrane.page.pack import FULL_SCALE, Entry, Pack, finite_range
 from taichi_membrane.pictures.colours import PALETTE, RAMP
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_label
+from taichi_membrane.simulation.load_marks import load_marks
 from taichi_membrane.simulation.results import Floats, RunResult, StepResult
 
 # How far marks keep apart, in radii of all that is shown: near enough to tell the field, far enough to be told from each other.
@@ -115,16 +116,15 @@ def _marks(pack: Pack, result: RunResult, radius: float) -> dict[str, Any]:
     holding = [mesh.node_groups[one.group] for one in [*scene.supports, *scene.motions.values()]]
     supported = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *holding]))
     loads = []
-    for name, load in scene.loads.items():
-        nodes = (
-            np.unique(mesh.triangles[mesh.tri_groups[load.group]])
-            if load.kind == "area"
-            else mesh.node_groups[load.group]
-        )
+    for name in scene.loads:
+        marks = load_marks(scene, mesh, name)
+        if marks is None:
+            continue
+        nodes, direction = marks
         factors = [step.loads[name] for step in steps]
         loads.append(
             {
-                "direction": load.direction,
+                "direction": direction.tolist(),
                 "nodes": pack.add(nodes[geometry.apart(mesh.points[nodes], ARROWS * radius)], "u32"),
                 "factors": [_plain(factor) for factor in factors],
                 "labels": [

@@ -127,7 +127,8 @@ def _loads(result: RunResult) -> Table:
         for name, one in scene.pressures.items()
     ]
     for name, load in scene.loads.items():
-        rows.append([f"load {name}", load.group, load.kind, ", ".join(f"{part:g}" for part in load.direction)])
+        direction = ", ".join(f"{part:g}" for part in load.towards or ())
+        rows.append([f"load {name}", load.acts_on, load.kind, direction])
     return Table("loads-given", "Pressures and loads", ["name", "group", "kind", "direction"], rows)
 
 

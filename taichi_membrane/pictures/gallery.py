@@ -14,6 +14,7 @@ from taichi_membrane.output.tables import step_words
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve
+from taichi_membrane.simulation.load_marks import load_marks
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 
@@ -94,17 +95,25 @@ def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
 
 
 def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[Floats, Floats, str], ...]:
-    """One arrow per acting load, at the middle of its group."""
-    arrows = []
+    """One arrow per acting load, at the middle of its group; of those at one place and along one direction, one with all names."""
+    arrows: list[tuple[Floats, Floats, str]] = []
     for name, factor in step.loads.items():
         load = result.scene.loads[name]
-        if factor == 0.0:
+        marks = load_marks(result.scene, result.mesh, name) if factor != 0.0 else None
+        if marks is None:
             continue
-        groups = result.mesh.tri_groups if load.kind == "area" else result.mesh.node_groups
-        nodes = groups[load.group] if load.kind != "area" else np.unique(result.mesh.triangles[groups[load.group]])
-        direction = np.sign(factor) * np.array(load.direction) / np.linalg.norm(load.direction)
-        label = f"{abs(factor) * float(np.linalg.norm(load.direction)):.4g} {result.scene.units.force}"
-        arrows.append((points[nodes].mean(axis=0), direction, label if load.kind == "total" else name))
+        nodes, along = marks
+        size = float(np.linalg.norm(along))
+        label = name
+        if load.kind == "total":
+            label = f"{abs(factor) * size:.4g} {result.scene.units.force}"
+        origin, direction = points[nodes].mean(axis=0), np.sign(factor) * along / size
+        for number, (place, way, text) in enumerate(arrows):
+            if np.array_equal(place, origin) and np.allclose(way, direction, rtol=0.0, atol=1e-3):
+                arrows[number] = (place, way, f"{text}, {label}")
+                break
+        else:
+            arrows.append((origin, direction, label))
     return tuple(arrows)
 
 

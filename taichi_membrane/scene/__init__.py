@@ -8,7 +8,7 @@ from taichi_membrane.scene.base import (
 )
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.fabric import Fabric
-from taichi_membrane.scene.loads import Load, Pressure
+from taichi_membrane.scene.loads import AnyLoad, Load, Pressure, SnowLoad, WaterLoad, WeightLoad, WindLoad, WindTable
 from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import (
     AnnulusShape,
@@ -49,6 +49,7 @@ from taichi_membrane.scene.support import (
 
 __all__ = [
     "AnnulusShape",
+    "AnyLoad",
     "ArchShape",
     "AreaProbe",
     "Cable",
@@ -82,6 +83,7 @@ __all__ = [
     "Rotation",
     "RotationProbe",
     "Scene",
+    "SnowLoad",
     "Solver",
     "SphereShape",
     "Stage",
@@ -92,5 +94,9 @@ __all__ = [
     "Units",
     "Vector",
     "VolumeProbe",
+    "WaterLoad",
     "WedgeShape",
+    "WeightLoad",
+    "WindLoad",
+    "WindTable",
 ]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from taichi_membrane.scene.support import Rotation, Translation
 
 if TYPE_CHECKING:
-    from taichi_membrane.scene.loads import Load, Pressure
+    from taichi_membrane.scene.loads import AnyLoad, Pressure
     from taichi_membrane.scene.models import Scene, Units
     from taichi_membrane.scene.stage import Stage
 
@@ -29,7 +29,7 @@ class DriverKind:
     :param key: the stage's key that sets their values at its end.
     :param unit: unit of one driver's value; empty for a mere number.
     :param words: what one is, in a line.
-    :param scales: a value without a unit multiplies a direction, and no number.
+    :param scaled: what a value without a unit multiplies, in words; nothing for a mere number.
     """
 
     name: str
@@ -37,7 +37,7 @@ class DriverKind:
     key: str
     unit: Callable[[Units, Any], str]
     words: Callable[[Any], str]
-    scales: bool = False
+    scaled: Callable[[Any], str] = lambda _: ""
 
     def defined(self, scene: Scene) -> Mapping[str, Any]:
         """The scene's drivers of this kind, by their bare names."""
@@ -50,11 +50,31 @@ class DriverKind:
         return {} if given is None else dict(given) if isinstance(given, Mapping) else dict.fromkeys(names, given)
 
 
-def _load_unit(units: Units, load: Load) -> str:
-    """Of a load's factor; empty where the direction is no unit vector."""
-    if not math.isclose(math.hypot(*load.direction), 1.0, rel_tol=1e-6):
+def _load_unit(units: Units, load: AnyLoad) -> str:
+    """Of a load's value; empty where it is the factor of a weight, of a wind, or of a direction that is no unit vector."""
+    if load.kind == "snow":
+        return f"{units.force}/{units.area}"
+    if load.kind == "water":
+        return units.length
+    if load.kind in ("weight", "wind") or not math.isclose(math.hypot(*(load.towards or ())), 1.0, rel_tol=1e-6):
         return ""
     return units.force + {"total": "", "line": f"/{units.length}", "area": f"/{units.area}"}[load.kind]
+
+
+def _load_words(load: AnyLoad) -> str:
+    """What a load is, in a line."""
+    if load.kind == "weight":
+        return f"weight of fabrics and cables, g = {load.g:g}"
+    if load.kind == "wind":
+        return f"wind on the {load.face} of {load.acts_on}, q = {load.q:g}"
+    if load.kind == "water":
+        return f"liquid at the {load.face} of {load.acts_on}, of weight {load.specific_weight:g} per volume"
+    return f"{load.kind} on {load.acts_on}"
+
+
+def _load_scaled(load: AnyLoad) -> str:
+    """What a load's factor without a unit multiplies."""
+    return {"weight": "weight", "wind": "q"}.get(load.kind, "direction")
 
 
 def _motion_unit(units: Units, motion: Translation | Rotation) -> str:
@@ -80,8 +100,7 @@ DRIVERS: tuple[DriverKind, ...] = (
         words=lambda item: f"{item.kind}, {_pressed(item)}",
     ),
     DriverKind(
-        name="load", table="loads", key="loads", unit=_load_unit, words=lambda item: f"{item.kind} on {item.group}",
-        scales=True,
+        name="load", table="loads", key="loads", unit=_load_unit, words=_load_words, scaled=_load_scaled,
     ),
     DriverKind(
         name="motion", table="motions", key="motions", unit=_motion_unit,
@@ -119,6 +138,9 @@ def stage_values(names: Iterable[str], stage: Stage) -> dict[str, float]:
 
 
 def driver_label(scene: Scene, driver: str) -> str:
-    """Unit of a driver's value, or that the value multiplies a direction."""
+    """Unit of a driver's value, or what the value multiplies."""
     unit = driver_unit(scene, driver)
-    return "× direction" if not unit and kind_named(driver.partition(".")[0]).scales else unit
+    kind, _, name = driver.partition(".")
+    entry = kind_named(kind)
+    scaled = entry.scaled(entry.defined(scene)[name])
+    return f"× {scaled}" if scaled and not unit else unit

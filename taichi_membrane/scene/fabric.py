@@ -16,7 +16,8 @@ class Fabric(Record):
 
     ``nu`` is the contraction in weft per extension in warp. ``warp`` is a direction that is projected on each element (default: the
     shape's own), turned by ``warp_angle`` degrees about the normal. ``prestress`` is (warp, weft, shear) force per area.
-    ``density`` is mass per volume, in force · time² / length⁴; only vibration modes need it.
+    Vibration modes and self-weight need its mass: ``density`` is mass per volume, in force · time² / length⁴, or else
+    ``mass_per_area`` that of the fabric with its coating.
     """
 
     E: Positive | None = None
@@ -42,7 +43,17 @@ class Fabric(Record):
     prestress: Vector = (0.0, 0.0, 0.0)
     """Stress (warp, weft, shear) in the unstressed shape [force/length²]."""
     density: Positive | None = None
-    """Mass per volume [force · time²/length⁴], for vibration modes alone."""
+    """Mass per volume [force · time²/length⁴], for vibration modes and self-weight."""
+    mass_per_area: Positive | None = None
+    """Mass per unstressed area [force · time²/length³], in place of ``density``."""
+
+    @model_validator(mode="after")
+    def _one_mass(self) -> Self:
+        if self.density is not None and self.mass_per_area is not None:
+            raise ValueError(
+                f"density = {self.density:g} and mass_per_area = {self.mass_per_area:g} both say the mass; give one of them"
+            )
+        return self
 
     @model_validator(mode="after")
     def _moduli(self) -> Self:
@@ -63,6 +74,11 @@ class Fabric(Record):
         if self.E is not None and self.nu <= -1:
             raise ValueError(f"nu = {self.nu:g} must be above -1")
         return self
+
+    @property
+    def surface_mass(self) -> float | None:
+        """Mass per unstressed area; None where it is not given."""
+        return self.mass_per_area if self.density is None else self.density * self.thickness
 
     @property
     def warp_modulus(self) -> float:

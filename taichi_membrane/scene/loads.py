@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field, model_validator
 
-from taichi_membrane.scene.base import MOST, Direction, GroupName, Positive, Record
+from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Positive, Record, Vector
+
+Groups = GroupName | Annotated[list[GroupName], Field(max_length=MOST)]
 
 
 class Pressure(Record):
@@ -19,9 +22,9 @@ class Pressure(Record):
     keeps p_abs Vⁿ with n = ``exponent``: 1 at constant temperature, 1.4 for air that exchanges no heat.
     """
 
-    group: GroupName | Annotated[list[GroupName], Field(max_length=MOST)] = "all"
+    group: Groups = "all"
     """Element groups along whose normals it acts; ``all`` is every element."""
-    against: GroupName | Annotated[list[GroupName], Field(max_length=MOST)] = []
+    against: Groups = []
     """Element groups against whose normals it acts: walls whose normals point into the chamber."""
     kind: Literal["follower", "fixed"] = "follower"
     """``follower`` stays normal to the moving surface, ``fixed`` keeps direction and size of the unstressed shape."""
@@ -39,11 +42,180 @@ class Load(Record):
     ``spread`` of a total: ``equal`` shares, or by the length of ``edges`` or the ``area`` that belongs to each node.
     """
 
+    kind: Literal["total", "line", "area"] = "total"
+    """``total`` force over nodes, ``line`` force per length of edges, ``area`` force per area."""
     group: GroupName
     """Node group (``total``, ``line``) or element group (``area``) that it acts on."""
     direction: Direction
     """Direction of the force; its length multiplies the factor."""
-    kind: Literal["total", "line", "area"] = "total"
-    """``total`` force over nodes, ``line`` force per length of edges, ``area`` force per area."""
     spread: Literal["equal", "edges", "area"] = "equal"
     """How a total is shared out: ``equal``, or by the length of ``edges`` or the ``area`` of each node."""
+
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return self.group
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return self.direction
+
+
+class WeightLoad(Record):
+    """The weight of all fabrics and cables, a dead load; stages give its factor, 1 for the weight itself.
+
+    Each element's mass, that of its unstressed area or length, hangs in equal parts at its ends. Fabrics have ``density`` or
+    ``mass_per_area``, cables ``mass_per_length``.
+    """
+
+    kind: Literal["weight"]
+    """Self-weight."""
+    g: Positive
+    """Acceleration of gravity [length/time²], in the time unit of the masses."""
+    direction: Direction = (0.0, 0.0, -1.0)
+    """Direction of gravity; its length does not matter."""
+
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return "all"
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return self.direction
+
+
+class SnowLoad(Record):
+    """A load on each unit of plan area, the area seen along ``direction``; stages give its size [force/length²].
+
+    It keeps its direction and follows the present plan area of the elements whose outer side, to which their normals point, faces
+    it; one that turns over bears nothing. Such loads have no potential: there is no energy and no saddle is left, and no modes.
+    """
+
+    kind: Literal["snow"]
+    """A load per plan area."""
+    group: Groups = "all"
+    """Element groups that it lies on."""
+    direction: Direction = (0.0, 0.0, -1.0)
+    """Direction of the force, one for all snow of a scene; its length does not matter."""
+
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return self.group if isinstance(self.group, str) else ", ".join(self.group)
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return self.direction
+
+
+class WindTable(Record):
+    """Pressure coefficients of a round shell over the angle from the windward side, linear between the angles.
+
+    The angle is that between the direction the wind comes from and the radius to an element's centre on the unstressed shape: from
+    ``centre`` for a sphere, square to ``axis`` for a cylinder, standing or lying.
+    """
+
+    angles: Annotated[list[Annotated[float, Field(ge=0, le=180)]], Field(min_length=2, max_length=MOST)]
+    """Angles from the windward side, ascending [degrees]."""
+    cp: Annotated[list[Finite], Field(min_length=2, max_length=MOST)]
+    """Coefficient at each angle; suction is negative."""
+    direction: Direction
+    """Direction that the wind blows in."""
+    centre: Vector
+    """Centre of the sphere, or a point of the cylinder's axis [length]."""
+    axis: Direction | None = None
+    """Direction of the cylinder's axis; a sphere without it."""
+    group: GroupName = "all"
+    """Element group that it blows on."""
+
+    @model_validator(mode="after")
+    def _pairs(self) -> Self:
+        if len(self.angles) != len(self.cp):
+            raise ValueError(f"{len(self.angles)} angles, but {len(self.cp)} values of cp; each angle needs one")
+        for low, high in zip(self.angles[:-1], self.angles[1:], strict=True):
+            if not low < high:
+                raise ValueError(f"angles must ascend, but {high:g} follows {low:g}")
+        return self
+
+
+class WindLoad(Record):
+    """Wind by pressure coefficients, as pressure cp q along the moving normal; stages give its factor, 1 for q itself.
+
+    Coefficients are those of element groups (``cp``), or of a round shell over the angle from the windward side (``table``). A
+    positive one presses on the ``front``, the side that the normals point to, or on the ``back``; suction is negative. It adds to
+    the pressures of chambers.
+    """
+
+    kind: Literal["wind"]
+    """Wind by pressure coefficients."""
+    q: Positive
+    """Velocity pressure [force/length²]."""
+    cp: Annotated[dict[GroupName, Finite], Field(max_length=MOST)] = {}
+    """Coefficient of each element group; that of ``all`` is for what no other group holds."""
+    table: WindTable | None = None
+    """Coefficients over the angle, in place of ``cp``."""
+    face: Literal["front", "back"] = "front"
+    """Side of the elements that it presses on: ``front``, which their normals point to, or ``back``, as inside pressure does."""
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if bool(self.cp) == (self.table is not None):
+            raise ValueError("give either cp, a coefficient for each element group, or table")
+        return self
+
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return ", ".join(self.cp) if self.table is None else self.table.group
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return None if self.table is None else self.table.direction
+
+
+class WaterLoad(Record):
+    """A liquid that stands on one side of the surface; stages give the height of its level above ``floor`` [length].
+
+    It presses along the moving normal with its specific weight times the present depth below the level; what lies above the level
+    is dry. At level zero, where it is until a stage raises it, everything has to be dry at rest. By arc length it rises from a
+    level that wets something.
+    """
+
+    kind: Literal["water"]
+    """A standing liquid."""
+    specific_weight: Positive
+    """Weight per volume [force/length³]."""
+    face: Literal["front", "back"] = "back"
+    """Side of the elements that it stands on: ``front``, which their normals point to, or ``back``, the inside of a body."""
+    group: Groups = "all"
+    """Element groups that it wets."""
+    floor: Vector = (0.0, 0.0, 0.0)
+    """A point at the height where the level is zero [length]; no element of the group lies below it at rest."""
+    up: Direction = (0.0, 0.0, 1.0)
+    """Direction upwards; its length does not matter."""
+
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return self.group if isinstance(self.group, str) else ", ".join(self.group)
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return None
+
+
+def _with_kind(item: Any) -> Any:
+    """A load that names no kind is a total."""
+    return {"kind": "total", **item} if isinstance(item, Mapping) and "kind" not in item else item
+
+
+AnyLoad = Annotated[
+    Annotated[Load | WeightLoad | SnowLoad | WindLoad | WaterLoad, Field(discriminator="kind")],
+    BeforeValidator(_with_kind),
+]

@@ -28,6 +28,8 @@ class Cable(Record):
     """Force at the unstressed length [force]."""
     unstressed: Positive = 1.0
     """Unstressed length L over the distance of the nodes in the mesh."""
+    mass_per_length: Annotated[Finite, Field(ge=0)] = 0.0
+    """Mass per unstressed length [force · time²/length²], for self-weight."""
     kind: Literal["cable", "bar"] = "cable"
     """A ``cable`` goes slack, a ``bar`` bears compression as well."""
 

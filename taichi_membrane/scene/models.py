@@ -7,6 +7,7 @@ counter-clockwise triangles, for a closed body outwards.
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -15,7 +16,7 @@ from taichi_membrane.scene import drivers
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.fabric import Fabric
-from taichi_membrane.scene.loads import Load, Pressure
+from taichi_membrane.scene.loads import AnyLoad, Pressure, SnowLoad, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.probe import FactorProbe, Probe
@@ -130,8 +131,8 @@ class Scene(Record):
     """What is held."""
     pressures: Annotated[dict[Name, Pressure], _FEW] = {"inside": Pressure()}
     """Pressures by name; without any, one named ``inside`` on all elements."""
-    loads: Annotated[dict[Name, Load], _FEW] = {}
-    """Dead loads of unit factor by name."""
+    loads: Annotated[dict[Name, AnyLoad], _FEW] = {}
+    """Loads of unit factor by name."""
     motions: Annotated[dict[Name, Motion], _FEW] = {}
     """Prescribed motions of unit factor by name."""
     stages: Annotated[list[Stage], Field(min_length=1, max_length=MOST)]
@@ -182,9 +183,11 @@ class Scene(Record):
                     f"derivatives exist for {', '.join(DIFFERENTIABLE)}"
                 )
         if self.modes is not None and self.modes.kind == "vibration":
-            for name, fabric in {"fabric": self.fabric, **{f"fabrics.{n}": f for n, f in self.fabrics.items()}}.items():
-                if fabric is not None and fabric.density is None:
-                    raise ValueError(f"{name}.density is missing: modes.kind = 'vibration' needs it")
+            self._check_masses("modes.kind = 'vibration'")
+        for load_name, load in self.loads.items():
+            if isinstance(load, WeightLoad):
+                self._check_masses(f"loads.{load_name}")
+        self._check_snow()
         if self.modes is not None and self.modes.stage is not None:
             _known(self.modes.stage, names, "modes.stage", "a stage")
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
@@ -202,6 +205,26 @@ class Scene(Record):
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self
+
+    def _check_masses(self, user: str) -> None:
+        """Refuse a fabric without a mass."""
+        for name, fabric in {"fabric": self.fabric, **{f"fabrics.{n}": f for n, f in self.fabrics.items()}}.items():
+            if fabric is not None and fabric.surface_mass is None:
+                raise ValueError(f"{name}.density is missing (or mass_per_area): {user} needs it")
+
+    def _check_snow(self) -> None:
+        """Refuse loads per plan area of two directions."""
+        found = [(name, load.direction) for name, load in self.loads.items() if isinstance(load, SnowLoad)]
+        for name, direction in found[1:]:
+            sizes = [math.hypot(*vector) for vector in (found[0][1], direction)]
+            unit = [
+                [part / size for part in vector] for vector, size in zip((found[0][1], direction), sizes, strict=True)
+            ]
+            if math.dist(*unit) > 1e-12:
+                raise ValueError(
+                    f"loads.{name}.direction = {list(direction)}, but loads.{found[0][0]}.direction = {list(found[0][1])}; "
+                    "all loads per plan area of a scene have one direction"
+                )
 
     def _check_planes(self) -> None:
         """Refuse what takes the tangent in contact for that of the structure: it holds springs, where the planes are rigid."""

@@ -107,7 +107,7 @@ def page() -> str:
 def _given(instance: BaseModel, data: Any) -> Iterator[tuple[type[BaseModel], str, Any]]:
     """Model, key and value as written of every key that a scene sets."""
     for key in type(instance).model_fields:
-        if key not in instance.model_fields_set:
+        if key not in data:
             continue
         yield type(instance), key, data[key]
         value, written = getattr(instance, key), data[key]

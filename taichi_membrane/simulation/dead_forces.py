@@ -11,10 +11,12 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.scene import Load, Pressure, Scene
+from taichi_membrane.scene import Load, Pressure, Scene, WeightLoad
 from taichi_membrane.scene.drivers import kind_named
+from taichi_membrane.scene.loads import AnyLoad
 from taichi_membrane.simulation.chambers import pressure_used
 from taichi_membrane.simulation.groups import group_nodes, group_triangles, pressed_triangles
+from taichi_membrane.simulation.masses import nodal_mass
 
 
 def unit_forces_of(scene: Scene, mesh: Mesh) -> dict[str, Floats]:
@@ -39,8 +41,16 @@ def _fixed_pressure(scene: Scene, mesh: Mesh, name: str, pressure: Pressure) -> 
     return preparation.nodal_pressure(mesh, share)
 
 
-def _unit_load(scene: Scene, mesh: Mesh, name: str, load: Load) -> Floats:
-    """(n, 3) nodal forces of a load at factor 1."""
+def _unit_load(scene: Scene, mesh: Mesh, name: str, load: AnyLoad) -> Floats | None:
+    """(n, 3) nodal forces of a load at factor 1; None of those on the surface, which follow it (:mod:`surface_loads`)."""
+    if isinstance(load, WeightLoad):
+        down = np.array(load.direction) / np.linalg.norm(load.direction)
+        return nodal_mass(scene, mesh)[:, None] * (load.g * down)
+    return _dead_load(mesh, name, load) if isinstance(load, Load) else None
+
+
+def _dead_load(mesh: Mesh, name: str, load: Load) -> Floats:
+    """(n, 3) nodal forces of a load on a group at factor 1."""
     key = f"loads.{name}"
     force = np.zeros((mesh.node_count, 3))
     direction = np.array(load.direction)

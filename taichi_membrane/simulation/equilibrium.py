@@ -242,7 +242,15 @@ class Equilibrium:
     def way(self, before: LoadState, after: LoadState) -> Way:
         """The straight way between two load states; there has to be a Newton solver."""
         assert self.newton is not None
-        return Way(self.newton, before, after, self.apply if before.motions != after.motions else self.press)
+        # The forces of a liquid are not linear in its level.
+        levels = (f"load.{name}" for name in self.model.surface.waters)
+        return Way(
+            self.newton,
+            before,
+            after,
+            self.apply if before.motions != after.motions else self.press,
+            linear=all(before.values[name] == after.values[name] for name in levels),
+        )
 
     def path(self, way: Way) -> Path:
         """The equilibrium path in the share of a way, by arc length."""

@@ -14,6 +14,7 @@ from taichi_membrane.scene import Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import Course, LoadState
+from taichi_membrane.simulation.masses import nodal_mass
 from taichi_membrane.simulation.present import Present
 from taichi_membrane.simulation.results import ModeResult, StepResult
 from taichi_membrane.simulation.solver_choice import chosen_solver
@@ -202,4 +203,4 @@ class Measure:
 
     @cached_property
     def _mass(self) -> Floats:
-        return modes.nodal_mass(self.model)
+        return nodal_mass(self.model.scene, self.model.structure.mesh)

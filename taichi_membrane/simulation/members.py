@@ -6,7 +6,7 @@ import numpy as np
 
 from taichi_membrane import mesh as meshes
 from taichi_membrane.errors import InputError
-from taichi_membrane.mechanics.preparation import Cables, Ints, Plane
+from taichi_membrane.mechanics.preparation import Cables, Floats, Ints, Plane
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Cable, Scene
 from taichi_membrane.simulation.groups import group_nodes
@@ -37,14 +37,7 @@ def cables_of(scene: Scene, mesh: Mesh) -> Cables | None:
         return None
     nodes, length, constants = [], [], []
     for name, cable in scene.cables.items():
-        pairs = _pairs(cable, mesh, f"cables.{name}")
-        distance = np.linalg.norm(mesh.points[pairs[:, 1]] - mesh.points[pairs[:, 0]], axis=1)
-        short = np.flatnonzero(distance <= 0.0)
-        if short.size:
-            first, second = pairs[short[0]].tolist()
-            raise InputError(
-                f"cables.{name}: nodes {first} and {second} lie at one place, {short.size} such pairs in all"
-            )
+        pairs, distance = cable_pairs(cable, mesh, f"cables.{name}")
         nodes.append(pairs)
         length.append(cable.unstressed * distance)
         constants.append(np.tile([cable.EA, cable.prestress, float(cable.kind == "bar")], (len(pairs), 1)))
@@ -71,6 +64,20 @@ def planes_of(scene: Scene, mesh: Mesh) -> tuple[Plane, ...]:
         )
         for name, plane in scene.planes.items()
     )
+
+
+def cable_pairs(cable: Cable, mesh: Mesh, key: str) -> tuple[Ints, Floats]:
+    """(n, 2) nodes of a cable's elements, and their distances in the mesh.
+
+    :raises InputError: unknown groups, a group that no edge lies in, two nodes at one place.
+    """
+    pairs = _pairs(cable, mesh, key)
+    distance = np.linalg.norm(mesh.points[pairs[:, 1]] - mesh.points[pairs[:, 0]], axis=1)
+    short = np.flatnonzero(distance <= 0.0)
+    if short.size:
+        first, second = pairs[short[0]].tolist()
+        raise InputError(f"{key}: nodes {first} and {second} lie at one place, {short.size} such pairs in all")
+    return pairs, distance
 
 
 def _pairs(cable: Cable, mesh: Mesh, key: str) -> Ints:

@@ -24,6 +24,7 @@ from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.members import cables_of, planes_of, with_cable_nodes
 from taichi_membrane.simulation.results import ProbeFunction
 from taichi_membrane.simulation.supports import PrescribedMotion, held_components, motions_of
+from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
 # for every load step (its fields); besides, the record of a step.
@@ -48,6 +49,7 @@ class Model:
 
     :param structure: mesh, fabrics, supports and pressure surfaces.
     :param chambers: what each follower pressure acts on, in the order of the structure's chamber numbers.
+    :param surface: winds, loads per plan area and liquids.
     :param unit_forces: (n, 3) dead nodal forces at value 1 of each driver that has some, by names such as ``load.tip``.
     :param motions: prescribed motions of node groups.
     :param own_probes: what is measured at every load step beside the scene's probes, by name.
@@ -56,6 +58,7 @@ class Model:
     scene: Scene
     structure: Structure
     chambers: tuple[Chamber, ...]
+    surface: SurfaceLoads
     unit_forces: Mapping[str, Floats]
     motions: Mapping[str, PrescribedMotion]
     own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
@@ -68,6 +71,11 @@ class Model:
     def pressure_names(self) -> tuple[str, ...]:
         """Name of each follower pressure, in the order of the structure's chamber numbers."""
         return tuple(chamber.name for chamber in self.chambers)
+
+    @property
+    def surface_drivers(self) -> tuple[str, ...]:
+        """Names of the values of all loads on the surface, such as ``pressure.inside``, in the structure's order."""
+        return (*(f"pressure.{name}" for name in self.pressure_names), *self.surface.drivers)
 
     def measured(self, probe: VolumeProbe) -> tuple[Ints, Floats, float]:
         """Triangles that enclose the volume of a probe, the share of each, and the volume at rest; 0 for an open one.
@@ -123,19 +131,27 @@ class Model:
         return result
 
     def chamber_pressures(self, state: LoadState) -> Floats:
-        """Value of each follower pressure."""
-        return np.array([state.values[f"pressure.{name}"] for name in self.pressure_names])
+        """Values of all loads on the surface: each follower pressure, then winds, loads per plan area, levels of liquids."""
+        return np.array([state.values[driver] for driver in self.surface_drivers])
 
     def reference_load(self, state: LoadState) -> float:
-        """2-norm of all applied nodal forces, to which residuals are compared: pressure on the unstressed shape, and dead loads."""
+        """2-norm of all applied nodal forces, to which residuals are compared: those on the unstressed surface, and dead loads."""
         structure = self.structure
-        values = np.append(self.chamber_pressures(state), 0.0)  # chamber -1 is no pressure
+        values = np.append(self.chamber_pressures(state)[: structure.chamber_count], 0.0)  # chamber -1 is no pressure
         on_triangles = values[structure.tri_chamber]
         if structure.tri_ahead is not None:
             on_triangles = on_triangles - values[structure.tri_ahead]
-        pressing = preparation.nodal_pressure(structure.mesh, on_triangles)
-        dead = self.nodal_loads(state)
-        return float(np.sqrt(np.vdot(pressing, pressing) + np.vdot(dead, dead)))
+        acting = [preparation.nodal_pressure(structure.mesh, on_triangles), self.nodal_loads(state)]
+        for name, force in self._resting.items():
+            acting.append(state.values[f"load.{name}"] * force)
+        for name in self.surface.waters:
+            acting.append(self.surface.at_rest(name, state.values[f"load.{name}"]))
+        return float(np.sqrt(sum(np.vdot(force, force) for force in acting)))
+
+    @cached_property
+    def _resting(self) -> dict[str, Floats]:
+        """(node_count, 3) nodal forces of winds and loads per plan area at value 1 on the unstressed shape."""
+        return {name: self.surface.at_rest(name) for name in (*self.surface.winds, *self.surface.snows)}
 
 
 def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) -> Mesh:
@@ -179,6 +195,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     fabrics, tri_fabric = fabrics_of(scene, mesh)
     chambers = chambers_of(scene, mesh)
     tri_chamber, tri_ahead = sides(chambers, mesh.tri_count)
+    surface = surface_loads_of(scene, mesh)
     unit_forces = unit_forces_of(scene, mesh)
     held, frame = held_components(scene, mesh)
     motions = motions_of(scene, mesh, held, frame)
@@ -198,11 +215,15 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         loads=bool(unit_forces),
         cables=cables,
         planes=planes_of(scene, mesh),
+        wind=surface.wind,
+        snow=surface.plan_loads,
+        water=tuple(surface.waters.values()),
     )
     return Model(
         scene=scene,
         structure=structure,
         chambers=chambers,
+        surface=surface,
         unit_forces=unit_forces,
         motions=motions,
         own_probes=dict(own_probes or {}),

@@ -10,9 +10,8 @@ from scipy.sparse import diags
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from taichi_membrane.algebra.protocol import Factor
-from taichi_membrane.mechanics.preparation import Floats, sum_to_nodes
+from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.scene import Modes
-from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import ModeResult
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import Path
@@ -21,14 +20,6 @@ from taichi_membrane.solvers.path import Path
 _CHANGE = 1e-4
 # Up to so many degrees of freedom dense algebra is as fast, and finds all modes.
 _DENSE = 30
-
-
-def nodal_mass(model: Model) -> Floats:
-    """(node_count,) a third of the mass of the triangles at each node."""
-    structure = model.structure
-    per_area = np.array([(fabric.density or 0.0) * fabric.thickness for _, fabric in model.fabric_names()])
-    mass = per_area[structure.tri_fabric] * structure.geometry.area
-    return sum_to_nodes(structure.mesh, np.repeat(mass / 3.0, 3)[:, None])[:, 0]
 
 
 def vibration(newton: Newton, factor: Factor, mass: Floats, asked: Modes) -> ModeResult:

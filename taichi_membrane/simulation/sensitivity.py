@@ -17,6 +17,9 @@ from taichi_membrane.simulation.groups import group_nodes
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.solvers.newton import Newton
 
+# Share of the structure's size by which the level of a liquid is changed; rounding leaves 1e-10 of the difference.
+_LEVEL_STEP = 1e-6
+
 
 def derivatives(
     model: Model, newton: Newton, factor: Factor, displacement: Floats, shut: Collection[int]
@@ -40,7 +43,7 @@ def derivatives(
 
 
 def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> Iterator[tuple[str, Floats]]:
-    """∂F/∂θ at free components for each parameter; the forces are linear in every one, so that differences are exact."""
+    """∂F/∂θ at free components for each parameter; the forces are linear in every one but levels, so that differences are exact."""
     system = newton.system
 
     def at_free(force: Floats) -> Floats:
@@ -50,11 +53,18 @@ def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> I
         yield driver, at_free(unit)
     present = newton.free_force()
     values = system.pressures()
-    for number, name in enumerate(model.pressure_names):
+    size = float(np.linalg.norm(np.ptp(model.structure.points, axis=0)))
+    levels = model.structure.water_values
+    for number, driver in enumerate(model.surface_drivers):
         if number in shut:
             continue  # not prescribed
-        system.set_pressures(values + np.eye(len(values))[number])
-        yield f"pressure.{name}", newton.free_force() - present
+        step, changed = np.eye(len(values))[number], []
+        if levels.start <= number < levels.stop:
+            step = step * (_LEVEL_STEP * size)
+        for sign in (1.0, -1.0):
+            system.set_pressures(values + sign * step)
+            changed.append(newton.free_force())
+        yield driver, (changed[0] - changed[1]) / (2.0 * float(step[number]))
         system.set_pressures(values)
     for number, (name, fabric) in enumerate(model.fabric_names()):
         system.scale_thickness(number, 2.0)

@@ -47,20 +47,19 @@ def chosen_solver(model: Model) -> SolverChoice:
                 raise InputError(f"stages.{stage.name}.control = 'arc_length' needs Newton: {hindrance}; use 'load'")
     if scene.modes is not None and without_potential(model):
         raise InputError(
-            f"modes.kind = '{scene.modes.kind}' needs a symmetric tangent, and follower pressure has no potential here: "
+            f"modes.kind = '{scene.modes.kind}' needs a symmetric tangent, and loads on the surface have no potential here: "
             f"{without_potential(model)}"
         )
     return SolverChoice("relaxation", hindrance) if hindrance and kind != "relaxation" else SolverChoice(kind)
 
 
 def without_potential(model: Model) -> str:
-    """Where follower pressure has no potential at the end of a stage; nothing where it always has one."""
+    """Where loads on the surface have no potential at the end of a stage; nothing where they always have one."""
     rim = Rim.of(model.structure)
     for stage, state in zip(model.scene.stages, stage_targets(model.scene), strict=True):
         found = rim.at(model.chamber_pressures(state), np.zeros_like(model.structure.points))
         if found is not None:
-            ends = [tuple(model.structure.points[node].tolist()) for node in found.nodes[0]]
-            return f"{len(found.nodes)} edges in stage {stage.name}, the first from {ends[0]} to {ends[1]}"
+            return f"stage {stage.name}, {'; '.join(part.told for part in found.parts)}"
     return ""
 
 

@@ -13,7 +13,7 @@ from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import PathPoint
 
-# A motion's force is a difference over this share of the way, either side: rounding leaves 1e-10 of it. Ten times more changes the
+# The force of a motion, or of a liquid's level, is a difference over this share of the way, either side: rounding leaves 1e-10 of it. Ten times more changes the
 # stiffness of a turned annulus and a pulled tent by 4e-4 at most, ten times less by 6e-6: nothing, against a resolution of 0.1.
 _DIFFERENCE = 1e-6
 
@@ -64,12 +64,22 @@ class Way:
     """The straight way from one load state to another.
 
     :param press: sets pressures and loads of a load state, and prescribed displacements where they move.
+    :param linear: whether the forces at fixed displacements are linear in the share, but for motions, with which they never are.
     """
 
-    def __init__(self, newton: Newton, before: LoadState, after: LoadState, press: Callable[[LoadState], None]) -> None:
+    def __init__(
+        self,
+        newton: Newton,
+        before: LoadState,
+        after: LoadState,
+        press: Callable[[LoadState], None],
+        *,
+        linear: bool = True,
+    ) -> None:
         self.newton, self.system = newton, newton.system
         self.before, self.after, self._press = before, after, press
         self.moves = before.motions != after.motions
+        self.linear = linear and not self.moves
 
     def at(self, share: float) -> LoadState:
         """The load state at a share of the way."""
@@ -87,14 +97,15 @@ class Way:
     def force(self, share: float) -> Floats:
         """Change of the free forces per share at the present displacements; leaves the load state at ``share`` set."""
         position = self.system.displacement() if self.moves else None
-        # Pressures and loads enter linearly, so that a whole way's difference is exact; motions do not.
-        ahead, behind = (share + _DIFFERENCE, share - _DIFFERENCE) if self.moves else (share + 1.0, share)
+        # Where they are linear a whole way's difference is exact.
+        ahead, behind = (share + 1.0, share) if self.linear else (share + _DIFFERENCE, share - _DIFFERENCE)
         self.press(ahead)
         more = self.newton.free_force()
         self.press(behind)
         change = (more - self.newton.free_force()) / (ahead - behind)
         if position is not None:
             self.system.set_displacement(position)
+        if behind != share:
             self.press(share)
         return np.asarray(change)
 
