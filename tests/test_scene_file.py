@@ -129,7 +129,7 @@ def test_a_later_override_wins_and_a_line_break_smuggles_nothing_in(path: Path) 
         ("stages.stretch.name='a b'", "stages[1].name: 'a b' does not match the pattern"),
         ("supports.1.hold=xq", "supports[1].hold: 'xq' does not match the pattern ^[xyz]{1,3}$"),
         ("supports.1.hold=xx", "supports[1].hold: a component is named twice in 'xx'"),
-        ("loads.pull.grup=end", "loads.pull.grup: unknown key; did you mean 'group'? allowed: group, direction, kind, spread"),
+        ("loads.pull.grup=end", "loads.pull.grup: unknown key; did you mean 'group'? allowed: kind, group, direction, spread"),
         ("loads.pull.kind=point", "loads.pull.kind: 'point' is unknown; allowed: total, line, area"),
         ("probes.tip.kind=displacment", "probes.tip.kind: 'displacment' is unknown; did you mean 'displacement'?"),
         ("probes.tip.component=w", "probes.tip.component: 'w' is unknown; allowed: x, y, z, magnitude"),
