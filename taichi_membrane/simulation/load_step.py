@@ -389,8 +389,11 @@ class LoadStep:
 
     def _seen(self, a: PathPoint, b: PathPoint) -> Seen:
         """What is seen of the piece of the path between two points."""
-        found = self.way.compare(self.way.of_point(a), self.way.of_point(b), self.policy.resolution)
-        return Seen(found.kind == "consistent", found.slack, found.noise)
+        first, second = self.way.of_point(a), self.way.of_point(b)
+        found = self.way.compare(first, second, self.policy.resolution)
+        rises = b.negative == 0 and b.factor - a.factor > self.policy.shortest
+        near = not rises or abs(second.stiffness or 0.0) >= self.policy.softening * abs(first.stiffness or 0.0)
+        return Seen(found.kind == "consistent" and near, found.slack, found.noise)
 
     def _progress(self, point: PathPoint) -> None:
         if self.report is not None:

@@ -13,8 +13,9 @@ from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import PathPoint
 
-# The force of a motion, or of a liquid's level, is a difference over this share of the way, either side: rounding leaves 1e-10 of it. Ten times more changes the
-# stiffness of a turned annulus and a pulled tent by 4e-4 at most, ten times less by 6e-6: nothing, against a resolution of 0.1.
+# The force of a motion, or of a liquid's level, is a difference over this share of the way, either side: rounding leaves 1e-10 of
+# it. Ten times more changes the stiffness of a turned annulus and a pulled tent by 4e-4 at most, ten times less by 6e-6: nothing,
+# against a resolution of 0.1.
 _DIFFERENCE = 1e-6
 
 Kind = Literal["consistent", "curved", "jump", "unknown"]

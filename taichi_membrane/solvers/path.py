@@ -232,7 +232,7 @@ class PathEnd:
 class Seen(NamedTuple):
     """What two points of a path tell of the piece between them.
 
-    :param smooth: whether they are seen to lie on one smooth piece; else one is looked for nearer.
+    :param smooth: whether they are seen to lie on one smooth piece, near enough; else one is looked for nearer.
     :param slack: how much of the load factor secant and tangents differ by.
     :param noise: how much of the load factor residuals come to: the two are not known better.
     """
