@@ -63,8 +63,8 @@ class Policy:
     :param soft: share of the stiffest s met on the same course below which load control is not tried: Newton's steps grow as 1/s,
         and at a tenth the load is within about a percent of a parabola's limit (1 − λ/λ_max = (s/s₀)²).
     :param parts: halvings of a step; what is still curved at 2⁻¹⁰ of it is a kink, which no finer cut makes smooth.
-    :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to. At ten
-        times and a tenth ten tents and sheets take 606 and 615 iterations for 614, and their limits stay in their brackets.
+    :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to; its
+        size is a matter of cost.
     :param softening: a step of the path after which s has fallen below this share is looked for nearer, unless it rises by less
         than ``shortest`` of the way: e is measured by the stiffer end, and a jump hidden in it is a ninth of the step at ends of
         equal stiffness only. Without, of a scattered mesh one run in four left the path, and its limit came out 9·10⁻³ too high.

@@ -17,24 +17,20 @@ from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.solvers.newton import Newton
 
-# A step that takes few iterations is followed by a longer one, one that takes many by a shorter one. Sizes are a matter of cost,
-# told here and below in iterations of three tubes to their collapse, 382, and of ten tents and sheets, 614; no verdict of theirs
-# differs unless said. Most iterations tenfold: 540 and 904, a tenth: 8289, as no steps grow. Few tenfold: 385 and 614, none: 8051
-# and 446. Many tenfold, and the shortening at ten times and a tenth, change nothing; none for many: 386 and 614.
+# Sizes of steps are a matter of cost, within a factor of ten either way but where tests/test_policy_rules.py tells the difference:
+# where steps cannot grow or be halved paths are lost or take ten times the iterations.
+# A step that takes few iterations is followed by a longer one, one that takes many by a shorter one.
 _MOST_ITERATIONS, _FEW, _MANY = 14, 4, 9
 _LONGER, _SHORTER = 1.5, 0.7
-# A step is halved this often before the path counts as lost; a residual that grows so much is not going to come back. Tenfold
-# halvings change nothing, with one a path is lost; runaway tenfold: 427 and 614 iterations, a tenth: 332 and 599.
+# A step is halved this often before the path counts as lost; a residual that grows so much is not going to come back.
 _HALVINGS, _RUNAWAY = 12, 1e3
 # Towards a target: the first step as a share of the way, most steps, how closely a limit is bracketed, the step after passing one.
-# First step tenfold: 404 and 649 iterations, a tenth: 424 and 491. Most steps tenfold change nothing, with ten paths are lost.
 _FIRST_STEP, _MOST_STEPS, _BRACKET, _REFINE = 0.25, 300, 1e-3, 0.3
 # A point that lies more across the step than along it (45°) may be of another branch, and is looked for nearer: without that, and
 # without a second pair of points, one of twelve runs of a bent tube jumped over the first ring that wrinkles, and its limit came
 # out 1.6e-3 too high.
 _STRAIGHT = 0.7
-# Steps that have shrunk so far below the shortest are round-off: the path is lost. It ends what leads nowhere, at whatever size:
-# tenfold and a tenth change none of the iterations above.
+# Steps that have shrunk so far below the shortest are round-off: the path is lost. It ends what leads nowhere, at whatever size.
 _VANISHING = 1e-9
 
 
