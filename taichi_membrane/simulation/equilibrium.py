@@ -252,9 +252,16 @@ class Equilibrium:
             linear=all(before.values[name] == after.values[name] for name in levels),
         )
 
+    def idle(self, way: Way, share: float) -> bool:
+        """Whether nothing acts at a share of a way, but for less than its path is followed to."""
+        return self._applied(way.at(share)) <= self._least(way)
+
+    def _least(self, way: Way) -> float:
+        return _LEAST_REFERENCE * max(force_now(self.reference(one)) for one in (way.before, way.after))
+
     def path(self, way: Way) -> Path:
         """The equilibrium path in the share of a way, by arc length."""
-        least = _LEAST_REFERENCE * max(force_now(self.reference(one)) for one in (way.before, way.after))
+        least = self._least(way)
         return Path(
             way.newton,
             apply=way.press,

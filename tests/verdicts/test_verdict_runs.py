@@ -10,8 +10,8 @@ from taichi_membrane.assurance.verdicts.case import Case
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
 
-# Beside the small set: where the path softens twentyfold in a step, and where a pressure fails.
-HARD = ("scatter_8", "leak_0.5")
+# Beside the small set: where the path softens twentyfold in a step, where a pressure fails, and where it passes through nothing.
+HARD = ("scatter_8", "leak_0.5", "dome_blown_fails")
 
 
 @pytest.mark.parametrize(
