@@ -94,11 +94,11 @@ def test_balance_of_a_strip_sees_a_reaction_that_is_a_thousandth_off() -> None:
 
 
 def test_gas_stiffens_the_tangent_as_differences_of_its_forces_say() -> None:
-    problem = fabrics.shut_beam(1, 0.1, 1.4)
+    problem = fabrics.shut_beam(4, 0.1, 1.4)
     result = tm.run(bench.scene_of(problem), mesh=problem.mesh, render=False)
     model = build_model(result.scene, result.mesh)
     work = analysis.ready(model)
-    last = result.steps[-1]
+    last = result.steps[-2]
     oracle.place(work, model, last)
     matrix = oracle.tangent(work, model, last)
     free = ~model.structure.node_held.ravel()
@@ -116,7 +116,8 @@ def test_gas_stiffens_the_tangent_as_differences_of_its_forces_say() -> None:
         oracle.place(work, model, pressed)
         return work.system.out_of_balance().ravel()[free]
 
-    slope = -(force(1e-6) - force(-1e-6)) / 2e-6
+    # So near that no element begins or ends to wrinkle in between: with 1e-6 some do.
+    slope = -(force(1e-7) - force(-1e-7)) / 2e-7
     assert np.linalg.norm(matrix @ way.ravel()[free] - slope) < 1e-5 * np.linalg.norm(slope)
 
 
