@@ -31,10 +31,6 @@ _NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
 
 # Along a path residuals are compared with the loads there, which may pass through zero: with this share of the step's at least.
 _LEAST_REFERENCE = 1e-3
-# Points of a path are balanced to this share of the tolerance, but to no less than rounding leaves: near a limit a residual r is
-# a displacement K⁻¹r without bound. With the whole tolerance the share at which a column of 12 sides buckles, known to a millionth
-# now, was known to a tenth of the step, and its path was lost; one correction more a point.
-_ALONG_PATH, _ROUNDED = 1e-2, 1e-10
 
 # Round-offs of the stiffest forces that the residual of motions may consist of: a node gathers some six triangles, each of three
 # corners and as many sides.
@@ -271,7 +267,7 @@ class Equilibrium:
             apply=way.press,
             force=way.force,
             reference=lambda share: max(least, self._applied(way.at(share))),
-            tolerance=min(self.tolerance, max(_ALONG_PATH * self.tolerance, _ROUNDED)),
+            tolerance=self.tolerance,
         )
 
     def reference(self, state: LoadState) -> Reference:

@@ -160,7 +160,7 @@ class Path:
             self.apply(factor)
             force = self.newton.free_force()
             residual = self._residual(force, factor)
-            if residual <= self.tolerance and iteration > 0:
+            if residual <= self.tolerance:
                 return self._point(position, factor, advance, iteration, residual), iteration
             lowest = min(lowest, residual)
             if not np.isfinite(residual) or residual > _RUNAWAY * lowest:
