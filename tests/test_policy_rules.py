@@ -818,3 +818,16 @@ def test_a_path_is_told_how_far_its_tangents_and_its_secant_differ(monkeypatch: 
     ((sink, slack),) = seen
     tangents = 0.5 * 1.5 * np.sqrt(3.0) * (2.0 + 3.0 * (1.0 - sink) ** 2 - 1.0) / 1.2
     assert slack == pytest.approx(abs(tangents * sink - borne(1.0 - sink) / 1.2), rel=1e-3)
+
+
+@pytest.mark.parametrize("times", [50.0, 2000.0])
+def test_a_limit_far_below_the_aim_is_found(times: float) -> None:
+    """Of an aim thousands of times too high the limit is a small share, at which nearly nothing acts, by the aim's measure."""
+    result = tent().run(loads(tent=times))
+    assert result.outcome == "collapse"
+    limit = result.steps[-1].limit
+    assert limit is not None
+    lower, upper = limit["load.tent"]
+    assert lower <= 1.0 + 1e-5
+    assert upper >= 1.0
+    assert upper - lower <= 2e-3 * times

@@ -252,9 +252,10 @@ class Equilibrium:
             linear=all(before.values[name] == after.values[name] for name in levels),
         )
 
-    def idle(self, way: Way, share: float) -> bool:
-        """Whether nothing acts at a share of a way, but for less than its path is followed to."""
-        return self._applied(way.at(share)) <= self._least(way)
+    def relieved(self, way: Way, share: float) -> bool:
+        """Whether what acts at the start of a way has gone at a share of it, but for less than its path is followed to."""
+        start, now = (self._applied(way.at(one)) for one in (0.0, share))
+        return now <= self._least(way) < start
 
     def _least(self, way: Way) -> float:
         return _LEAST_REFERENCE * max(force_now(self.reference(one)) for one in (way.before, way.after))

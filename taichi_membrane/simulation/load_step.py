@@ -249,7 +249,7 @@ class LoadStep:
         self.records.append(walked(end))
         if end.reason == "target":
             return self._land(path, end)
-        if end.upper is None or self.equilibrium.idle(self.way, end.last.factor):  # what carries nothing has no limit
+        if end.upper is None or self.equilibrium.relieved(self.way, end.last.factor):  # what carries nothing has no limit
             self._pass("lost", end.last.factor)
             return None
         self._pass("limit" if end.reason == "limit" else "bifurcation", end.last.factor)
