@@ -10,12 +10,12 @@ from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
 from taichi_membrane.simulation.equilibrium import Equilibrium, Report
 from taichi_membrane.simulation.load_state import Course, LoadState, stage_target, unloaded
-from taichi_membrane.simulation.load_step import Stiffest
 from taichi_membrane.simulation.measure import Measure
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import StepResult
 from taichi_membrane.simulation.state import PathState, State
+from taichi_membrane.simulation.stiffest import Stiffest
 from taichi_membrane.solvers.path import PathPoint
 from taichi_membrane.solvers.record import Progress, SolveRecord
 

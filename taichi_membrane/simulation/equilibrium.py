@@ -11,10 +11,11 @@ from taichi_membrane.mechanics.gas import Gas, ShutChamber
 from taichi_membrane.mechanics.rim import Rim
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
-from taichi_membrane.simulation.load_step import LoadStep, Reached, Stiffest
+from taichi_membrane.simulation.load_step import LoadStep, Reached
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.solver_choice import chosen_solver
+from taichi_membrane.simulation.stiffest import Stiffest
 from taichi_membrane.simulation.way import Way
 from taichi_membrane.solvers.contact import Contact
 from taichi_membrane.solvers.newton import Newton

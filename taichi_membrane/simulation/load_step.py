@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.policy import POLICY, Event, Passage, Policy, Trace
-from taichi_membrane.simulation.way import Rest, Way
+from taichi_membrane.simulation.stiffest import Stiffest
+from taichi_membrane.simulation.way import Rest
 from taichi_membrane.solvers.path import Path, PathEnd, PathPoint, Seen, follow
 from taichi_membrane.solvers.record import Progress, SolveRecord, force_now, joined
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     Report = Callable[[Progress], None] | None
 
-# Cosine of the angle between ways of one course: rounding of load values leaves 1e-16, a user's digits less than 1e-9.
-_PARALLEL = 1.0 - 1e-9
 # A branch is looked for so many times further away when there is none yet.
 _NEARER = 4.0
 # Largest stress over the modulus that is none: rounding of a side's length leaves 1e-15, and a mesh that has not moved has exactly
@@ -50,32 +48,6 @@ class Reached:
     limit: tuple[float, float] | None = None
     trouble: str = ""
     trace: Trace = ()
-
-
-@dataclass
-class Stiffest:
-    """The largest current stiffness met on a straight course so far, in units that do not depend on how it is cut into steps.
-
-    :param direction: unit vector of the change of all load values; another direction is another course.
-    """
-
-    direction: Floats | None = None
-    value: float = 0.0
-
-    def resume(self, change: Floats) -> None:
-        """Go on on the course of a run that was stopped, whose value is known."""
-        self.direction = change / (np.linalg.norm(change) or 1.0)
-
-    def take(self, way: Way, stiffness: float) -> float:
-        """Take a stiffness into account; its share of the stiffest of the course."""
-        change = way.before.change(way.after)
-        squared = float(change @ change)
-        direction = change / np.sqrt(squared)
-        if self.direction is None or float(direction @ self.direction) < _PARALLEL:
-            self.direction, self.value = direction, 0.0
-        now = abs(stiffness) * squared  # dλ/dP of a way twice as long is a quarter
-        self.value = max(self.value, now)
-        return now / self.value
 
 
 class LoadStep:
@@ -249,7 +221,9 @@ class LoadStep:
         self.records.append(walked(end))
         if end.reason == "target":
             return self._land(path, end)
-        if end.upper is None or self.equilibrium.relieved(self.way, end.last.factor):  # what carries nothing has no limit
+        if end.upper is None or self.equilibrium.relieved(
+            self.way, end.last.factor
+        ):  # what carries nothing has no limit
             self._pass("lost", end.last.factor)
             return None
         self._pass("limit" if end.reason == "limit" else "bifurcation", end.last.factor)

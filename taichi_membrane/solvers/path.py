@@ -17,8 +17,7 @@ from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.solvers.newton import Newton
 
-# Sizes of steps are a matter of cost, within a factor of ten either way but where tests/test_policy_rules.py tells the difference:
-# where steps cannot grow or be halved paths are lost or take ten times the iterations.
+# Sizes of steps are a matter of cost within a factor of ten either way, but where tests/test_policy_rules.py tells a difference.
 # A step that takes few iterations is followed by a longer one, one that takes many by a shorter one.
 _MOST_ITERATIONS, _FEW, _MANY = 14, 4, 9
 _LONGER, _SHORTER = 1.5, 0.7
