@@ -31,7 +31,7 @@ class State:
 
     :param displacement: (n, 3).
     :param drivers: value of every driver, pressures of shut chambers as they are.
-    :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.load_step.Stiffest`.
+    :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.stiffest.Stiffest`.
     :param shut: of each chamber that is shut, by its pressure's name, volume and pressure when it was.
     :param path: where the stage's path is, of a stage by arc length.
     """
