@@ -114,7 +114,7 @@ def build(overrides: dict[str, Any], *, precision: str, threads: int) -> tuple[A
     work = Analysis(model)
     work.compile()
     compiled = time.perf_counter()
-    work.system.set_pressures(np.full(len(model.pressure_names), 0.035))
+    work.system.set_surface_loads(np.full(len(model.pressure_names), 0.035))
     return work, prepared - started, compiled - prepared
 
 

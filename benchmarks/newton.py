@@ -107,7 +107,7 @@ def solver_case(case: dict[str, Any]) -> dict[str, Any]:
     # A state under tension everywhere, near the inflated one, without solving for it.
     points = system.structure.mesh.points
     system.set_displacement(points * np.array([1e-3, 2e-3, 2e-3]))
-    system.set_pressures(np.array([0.035]))
+    system.set_surface_loads(np.array([0.035]))
     force = np.random.default_rng(0).normal(size=points.shape)
     force[~newton.free] = 0.0
     blocks = newton.tangent.assemble()

@@ -135,7 +135,7 @@ class Zoo:
     def forces(self, u: Floats, pressures: Floats, loads: Floats) -> Floats:
         """Out-of-balance forces of the engine."""
         self.system.set_displacement(u)
-        self.system.set_pressures(pressures)
+        self.system.set_surface_loads(pressures)
         self.system.set_loads(loads)
         return self.system.out_of_balance()
 
@@ -384,7 +384,7 @@ def test_open_surface_that_slides_in_a_plane_of_symmetry(runtime_cpu: Runtime) -
     fabric = orthotropic(np.array([1.0, 1.0, 0.3, 1 / 2.6]), "none", "green")
     _, structure = joined([(points, triangles, np.tile(np.eye(3)[0], (len(triangles), 1)), fabric, 0)], loads=False)
     system = System(structure)
-    system.set_pressures(np.array([0.5]))
+    system.set_surface_loads(np.array([0.5]))
     u = np.where(held, 0.0, rng.normal(size=points.shape) * 0.2)
     system.set_displacement(u)
     got = system.out_of_balance()

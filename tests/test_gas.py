@@ -114,7 +114,7 @@ def test_the_coupled_tangent_is_the_derivative_of_the_forces() -> None:
     work.equilibrium.gas.settle()  # type: ignore[union-attr]
     # A pressure so high that the ball would run away, were the gas not shut in.
     work.equilibrium.shut([], LoadState(last.drivers))
-    system.set_pressures(np.array([120.0]))
+    system.set_surface_loads(np.array([120.0]))
     loose = newton.factorised(indefinite=True)
     work.equilibrium.shut(["gas"], LoadState.of(pressure={"gas": 120.0, "outside": 0.0}))
     shut = newton.factorised(indefinite=True)

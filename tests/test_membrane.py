@@ -106,7 +106,7 @@ def test_mass_bounds_the_highest_frequency(
     """Central differences with step 1 are stable while λ(M⁻¹ K) ≤ 4; slack, wrinkled, taut and blown-up states."""
     bodies, system, relaxation = crowd
     u = np.random.default_rng(seed).normal(size=system.structure.mesh.points.shape) * size
-    system.set_pressures(np.array([pressure]))
+    system.set_surface_loads(np.array([pressure]))
     system.set_displacement(u)
     relaxation.start_from_rest()
     mass = relaxation.node_mass.to_numpy()
@@ -122,7 +122,7 @@ def test_diagonal_mass_of_the_seed_is_too_small(crowd: tuple[list[Body], System,
     """Without the coupling of the sides the limit 4 is passed, on closed bodies and patches alike."""
     bodies, system, _ = crowd
     u = np.random.default_rng(1).normal(size=system.structure.mesh.points.shape) * 0.3
-    system.set_pressures(np.array([1.0]))
+    system.set_surface_loads(np.array([1.0]))
     highest = [
         highest_eigenvalue(stiffness, diagonal_mass(body, u[body.nodes]))
         for body, stiffness in zip(bodies, tangents(bodies, system, u), strict=True)
@@ -223,7 +223,7 @@ def answer(structure: Structure, scale: float = 1.0) -> tuple[Floats, Floats, Fl
     """Forces over scale², stresses and energy over scale³ of one random state of :func:`closed_body`."""
     system = System(structure)
     system.set_displacement(np.random.default_rng(22).normal(size=(12, 3)) * 0.2 * scale)
-    system.set_pressures(np.array([0.3]))
+    system.set_surface_loads(np.array([0.3]))
     force, state = system.out_of_balance(), system.element_state()
     energy = system.potential_energy(np.zeros((12, 3)))
     assert set(state.state) >= {0, 1}
@@ -249,7 +249,7 @@ def test_repeated_forces_and_relaxations_are_bit_identical() -> None:
     for _ in range(2):
         system = System(closed_body(law("tension_field"), node_held=held))
         relaxation = Relaxation(system)
-        system.set_pressures(np.array([0.3]))
+        system.set_surface_loads(np.array([0.3]))
         for _ in range(2):
             system.set_displacement(np.random.default_rng(23).normal(size=(12, 3)) * 0.05 * ~held)
             force = [system.out_of_balance() for _ in range(5)]

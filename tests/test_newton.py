@@ -51,7 +51,7 @@ def test_tangent_is_the_derivative_of_the_forces(moduli: dict[str, Any], side_st
         random_axes = np.random.default_rng(1).normal(size=(mesh.node_count, 3, 3))
         frame = np.linalg.qr(random_axes)[0]
     system = System(structure(mesh, FabricConstants(**moduli, side_strain=side_strain), held, frame))
-    system.set_pressures(np.array([0.7]))
+    system.set_surface_loads(np.array([0.7]))
     start = np.random.default_rng(0).normal(size=mesh.points.shape) * 0.05
     tangent = Tangent(system)
     system.set_displacement(start)
@@ -78,7 +78,7 @@ def test_negative_pivots_count_negative_eigenvalues() -> None:
     held[3], held[5, 1], held[0, :2] = True, True, True
     system = System(structure(mesh, FabricConstants(**ISOTROPIC), held))
     tangent = Tangent(system)
-    system.set_pressures(np.array([-20.0]))  # sucked hard: the sphere is unstable
+    system.set_surface_loads(np.array([-20.0]))  # sucked hard: the sphere is unstable
     eigenvalues = np.linalg.eigvalsh(tangent.matrix().toarray())
     assert tangent.solver.factorise(tangent.assemble()) is None
     factor = tangent.solver.factorise(tangent.assemble(), indefinite=True)
@@ -94,7 +94,7 @@ def test_convergence_is_quadratic() -> None:
     system = System(
         structure(mesh, FabricConstants(e_warp=4000, e_weft=4000, poisson=0.1, shear=4000 / 2.2, thickness=0.1), held)
     )
-    system.set_pressures(np.array([0.35]))
+    system.set_surface_loads(np.array([0.35]))
     residuals: list[float] = []
     record = Newton(system, Relaxation(system)).solve(
         tolerance=1e-12,

@@ -67,7 +67,7 @@ def test_a_pressure_works_on_the_volume() -> None:
     swept = [float(membrane.swept_volumes(one.position).sum()) for one in rests]
     assert way._load_displacement(first, last) == pytest.approx(0.2 * (swept[1] - swept[0]), rel=1e-9)
     np.testing.assert_array_equal(membrane.displacement(), last.position)
-    assert membrane.pressures() == pytest.approx(0.3)
+    assert membrane.surface_loads() == pytest.approx(0.3)
 
 
 def test_a_turning_motion_acts_by_where_it_is() -> None:

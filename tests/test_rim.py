@@ -78,7 +78,7 @@ def crumpled(scene: Scene, pressures: list[float]) -> tuple[Newton, Floats]:
     system = System(model.structure)
     newton = Newton(system, Relaxation(system))
     u = 0.03 * np.random.default_rng(1).standard_normal(newton.free.shape) * newton.free
-    system.set_pressures(np.array(pressures))
+    system.set_surface_loads(np.array(pressures))
     system.set_displacement(u)
     return newton, u
 

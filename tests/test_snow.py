@@ -55,7 +55,7 @@ def crumpled(scene: Scene, values: list[float], size: float = 0.03) -> tuple[New
     system = System(modelled(scene).structure)
     newton = Newton(system, Relaxation(system))
     u = size * np.random.default_rng(1).standard_normal(newton.free.shape) * newton.free
-    system.set_pressures(np.array(values))
+    system.set_surface_loads(np.array(values))
     system.set_displacement(u)
     return newton, u
 
@@ -110,9 +110,9 @@ def test_the_force_is_the_load_times_the_plan_area_of_what_faces_it() -> None:
     u = 0.3 * np.random.default_rng(0).standard_normal(mesh.points.shape)
     for displacement in (np.zeros_like(u), u):
         system.set_displacement(displacement)
-        system.set_pressures(np.zeros(3))
+        system.set_surface_loads(np.zeros(3))
         before = system.out_of_balance()
-        system.set_pressures(np.array([0.0, 0.2, 0.3]))
+        system.set_surface_loads(np.array([0.0, 0.2, 0.3]))
         force = system.out_of_balance() - before
         a, b, c = (mesh.points + displacement)[mesh.triangles].transpose(1, 0, 2)
         plan = np.maximum(-0.5 * np.cross(b - a, c - a) @ down, 0.0)

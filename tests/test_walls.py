@@ -97,7 +97,7 @@ def test_the_tangent_with_pressures_on_both_sides_is_the_derivative_of_the_force
     system = System(model.structure)
     free = ~model.structure.node_held
     u = np.random.default_rng(0).normal(size=free.shape) * 0.03 * free
-    system.set_pressures(np.array([0.7, 0.2]))
+    system.set_surface_loads(np.array([0.7, 0.2]))
     system.set_displacement(u)
     matrix = Tangent(system).matrix().toarray()[np.ix_(free.ravel(), free.ravel())]
     assert np.abs(matrix - matrix.T).max() < 1e-13 * np.abs(matrix).max()
@@ -163,7 +163,7 @@ def wall_forces(step: StepResult, a: float, b: float) -> tuple[Floats, Floats]:
     system.set_displacement(step.displacement)
     forces = []
     for pressures in ((a, b), (0.0, 0.0)):
-        system.set_pressures(model.chamber_pressures(LoadState.of(pressure={"a": pressures[0], "b": pressures[1]})))
+        system.set_surface_loads(model.surface_values(LoadState.of(pressure={"a": pressures[0], "b": pressures[1]})))
         forces.append(system.out_of_balance())
     triangles = mesh.triangles[mesh.tri_groups["wall"]]
     outer = np.concatenate([mesh.triangles[mesh.tri_groups[name]].ravel() for name in "ab"])

@@ -78,9 +78,9 @@ def test_buoyancy_is_the_weight_of_what_is_displaced() -> None:
     level = 1.7
     depth = level - 2.0 * up[2] - (mesh.points + u) @ up
     system.set_displacement(u)
-    system.set_pressures(np.array([0.0, 0.0]))
+    system.set_surface_loads(np.array([0.0, 0.0]))
     dry = system.out_of_balance()
-    system.set_pressures(np.array([0.0, level]))
+    system.set_surface_loads(np.array([0.0, level]))
     force = (system.out_of_balance() - dry).sum(axis=0)
     assert np.abs(force - (force @ up) * up).max() < 1e-13
     # The sunk volume: columns of the wet part of each triangle up to the level.

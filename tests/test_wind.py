@@ -88,7 +88,7 @@ def test_the_lift_on_a_hemisphere_in_potential_flow() -> None:
     assert errors[-1] < 4e-3
     model = modelled(ball({"table": flow}))
     system = System(model.structure)
-    system.set_pressures(np.array([0.0, 0.7]))
+    system.set_surface_loads(np.array([0.0, 0.7]))
     assert np.abs(system.out_of_balance() - 0.7 * model.surface.at_rest("wind")).max() < 1e-14
 
 

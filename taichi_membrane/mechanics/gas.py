@@ -65,14 +65,14 @@ class Gas:
 
     def settle(self) -> None:
         """Set the pressures that belong to the system's present volumes."""
-        pressures = self.system.pressures()
+        pressures = self.system.surface_loads()
         for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
             pressures[chamber.number] = chamber.pressure_at(volume)
-        self.system.set_pressures(pressures)
+        self.system.set_surface_loads(pressures)
 
     def energy(self) -> float:
         """What the potential energy lacks that takes the present pressures for constant ones."""
-        pressures, total = self.system.pressures(), 0.0
+        pressures, total = self.system.surface_loads(), 0.0
         for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
             total += pressures[chamber.number] * (volume - chamber.rest_volume) - chamber.work(volume)
         return total

@@ -142,13 +142,13 @@ class System(Nodes):
 
     # ---- what a run sets and asks
 
-    def set_pressures(self, values: Floats) -> None:
+    def set_surface_loads(self, values: Floats) -> None:
         """Set the values of all loads on the surface: each chamber's pressure, winds, loads per plan area, levels."""
         self.pressure.set(values[: self.structure.pressure_count])
         self.snow.set(values[self.structure.snow_values])
         self.water.set(values[self.structure.water_values])
 
-    def pressures(self) -> Floats:
+    def surface_loads(self) -> Floats:
         """Present values of all loads on the surface, on which the tangent depends; pressures of the chambers first."""
         pressures = self.pressure.values()
         if not (self.snow.used or self.water.used):

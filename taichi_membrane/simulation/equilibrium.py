@@ -98,7 +98,7 @@ class Equilibrium:
 
     def press(self, state: LoadState) -> None:
         """Set pressures and loads."""
-        self.system.set_pressures(self.model.chamber_pressures(state))
+        self.system.set_surface_loads(self.model.surface_values(state))
         self.system.set_loads(self.model.nodal_loads(state))
         if self.gas is not None:
             self.gas.settle()
@@ -145,7 +145,7 @@ class Equilibrium:
         """A load state with the pressures of shut chambers as they now are."""
         if self.gas is None:
             return state
-        now = self.system.pressures()
+        now = self.system.surface_loads()
         names = {f"pressure.{self.model.pressure_names[one.number]}": one.number for one in self.gas.chambers}
         return LoadState({**state.values, **{name: float(now[number]) for name, number in names.items()}})
 

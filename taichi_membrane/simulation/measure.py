@@ -116,7 +116,7 @@ class Measure:
         """Potential energy at the system's present state; None where there is none."""
         if not self._has_energy:
             return None
-        if self.equilibrium.rim.at(self.system.pressures(), displacement) is not None:
+        if self.equilibrium.rim.at(self.system.surface_loads(), displacement) is not None:
             return None  # follower pressure without a potential
         energy = self.system.potential_energy(self.model.nodal_loads(state))[0]
         return energy if self.equilibrium.gas is None else energy + self.equilibrium.gas.energy()

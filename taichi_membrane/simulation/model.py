@@ -130,14 +130,14 @@ class Model:
                 result[motion.nodes, c] = target[:, c]
         return result
 
-    def chamber_pressures(self, state: LoadState) -> Floats:
+    def surface_values(self, state: LoadState) -> Floats:
         """Values of all loads on the surface: each follower pressure, then winds, loads per plan area, levels of liquids."""
         return np.array([state.values[driver] for driver in self.surface_drivers])
 
     def reference_load(self, state: LoadState) -> float:
         """2-norm of all applied nodal forces, to which residuals are compared: those on the unstressed surface, and dead loads."""
         structure = self.structure
-        values = np.append(self.chamber_pressures(state)[: structure.chamber_count], 0.0)  # chamber -1 is no pressure
+        values = np.append(self.surface_values(state)[: structure.chamber_count], 0.0)  # chamber -1 is no pressure
         on_triangles = values[structure.tri_chamber]
         if structure.tri_ahead is not None:
             on_triangles = on_triangles - values[structure.tri_ahead]

@@ -52,7 +52,7 @@ def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> I
     for driver, unit in model.unit_forces.items():
         yield driver, at_free(unit)
     present = newton.free_force()
-    values = system.pressures()
+    values = system.surface_loads()
     size = float(np.linalg.norm(np.ptp(model.structure.points, axis=0)))
     levels = model.structure.water_values
     for number, driver in enumerate(model.surface_drivers):
@@ -62,10 +62,10 @@ def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> I
         if levels.start <= number < levels.stop:
             step = step * (_LEVEL_STEP * size)
         for sign in (1.0, -1.0):
-            system.set_pressures(values + sign * step)
+            system.set_surface_loads(values + sign * step)
             changed.append(newton.free_force())
         yield driver, (changed[0] - changed[1]) / (2.0 * float(step[number]))
-        system.set_pressures(values)
+        system.set_surface_loads(values)
     for number, (name, fabric) in enumerate(model.fabric_names()):
         system.scale_thickness(number, 2.0)
         label = "thickness" if len(model.fabric_names()) == 1 else f"thickness.{name}"

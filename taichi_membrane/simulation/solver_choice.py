@@ -57,7 +57,7 @@ def without_potential(model: Model) -> str:
     """Where loads on the surface have no potential at the end of a stage; nothing where they always have one."""
     rim = Rim.of(model.structure)
     for stage, state in zip(model.scene.stages, stage_targets(model.scene), strict=True):
-        found = rim.at(model.chamber_pressures(state), np.zeros_like(model.structure.points))
+        found = rim.at(model.surface_values(state), np.zeros_like(model.structure.points))
         if found is not None:
             return f"stage {stage.name}, {'; '.join(part.told for part in found.parts)}"
     return ""

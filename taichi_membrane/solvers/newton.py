@@ -138,7 +138,7 @@ class Newton:
 
     def skew(self) -> Skew | None:
         """Skew part of the present tangent; None where the present pressures have a potential."""
-        return self.rim.at(self.system.pressures(), self.system.displacement())
+        return self.rim.at(self.system.surface_loads(), self.system.displacement())
 
     def _whole(self, factor: Factor | None, skew: Skew | None) -> Factor | None:
         """The factorised sparse symmetric part with what shut chambers and pressures without a potential add."""
@@ -176,7 +176,7 @@ class Newton:
         if self._kept is not None and self._is_here(self._kept):
             return self._kept[2]
         factor = self.factorised(indefinite=True)
-        self._kept = None if factor is None else (self.system.displacement(), self.system.pressures(), factor)
+        self._kept = None if factor is None else (self.system.displacement(), self.system.surface_loads(), factor)
         return factor
 
     def upload(self) -> None:
@@ -193,7 +193,9 @@ class Newton:
 
     def _is_here(self, kept: tuple[Floats, Floats, Factor]) -> bool:
         """Whether displacements and pressures are those of a kept factor; dead loads do not enter the tangent."""
-        return np.array_equal(kept[0], self.system.displacement()) and np.array_equal(kept[1], self.system.pressures())
+        return np.array_equal(kept[0], self.system.displacement()) and np.array_equal(
+            kept[1], self.system.surface_loads()
+        )
 
     def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""

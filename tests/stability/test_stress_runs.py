@@ -41,7 +41,7 @@ def test_newton_alone_steps_where_the_load_stiffness_outweighs_the_fabric(bench:
     """At p R/(E t) = 1000 the tangent at rest is definite only with a shift above 2 M (its lowest eigenvalue is -2.2 M)."""
     problem = catalogue.CASES["burst"]().problem(1e3)
     work = bench._taken(bench._model(problem, "newton"))
-    work.system.set_pressures(np.array([1e3]))
+    work.system.set_surface_loads(np.array([1e3]))
     record = work.newton.solve(
         tolerance=1e-6, reference=1e3, loads=np.zeros((work.system.node_count, 3)), max_iterations=100
     )
@@ -109,7 +109,7 @@ def test_forces_whose_squares_vanish_are_not_taken_for_equilibrium(bench: Bench)
         # A scene admits no such moduli, but the engine has no scale of its own.
         soft = replace(fabric, e_warp=unit, e_weft=unit, shear=unit / 2.6)
         work = bench._taken(replace(model, structure=replace(model.structure, fabrics=(soft,))))
-        work.system.set_pressures(np.array([0.5 * unit]))
+        work.system.set_surface_loads(np.array([0.5 * unit]))
         record = work.relaxation.solve(tolerance=1e-6, reference=unit, max_iterations=2000)
         assert record.converged
         extensions.append(work.system.displacement())
@@ -161,7 +161,7 @@ def test_relaxation_goes_on_from_a_state_that_the_energy_refuses_as_if_it_had_no
 ) -> None:
     problem = catalogue.CASES["burst"]().problem(1.0)
     work = bench._taken(bench._model(problem, "relaxation"))
-    work.system.set_pressures(np.array([1.0]))
+    work.system.set_surface_loads(np.array([1.0]))
     shares = [4.0 * relaxation._SETTLED_SHARE, 0.0]  # half the residual is asked for, which then is good enough
     refused: list[float] = []
 

@@ -198,7 +198,7 @@ def test_tents_of_other_loads_have_the_same_tip_force() -> None:
                 work.system.set_displacement(displacement)
                 size = {name: one.scene["stages"][0].get("pressure", 0.0) for name in model.scene.pressures}
                 state = LoadState.of(pressure=size, load=dict.fromkeys(model.scene.loads, 1.0))
-                work.system.set_pressures(model.chamber_pressures(state))
+                work.system.set_surface_loads(model.surface_values(state))
                 work.system.set_loads(model.nodal_loads(state))
                 forces.append(work.system.out_of_balance()[0, 2])
         assert forces[:2] == pytest.approx(forces[2:], rel=1e-9)

@@ -27,7 +27,7 @@ def place(work: Any, model: Model, step: StepResult) -> None:
     """Put an analysis' membrane into the state of a load step, pressures of shut chambers as told."""
     work.system.set_displacement(step.displacement)
     state = LoadState(step.drivers)
-    work.system.set_pressures(model.chamber_pressures(state))
+    work.system.set_surface_loads(model.surface_values(state))
     work.system.set_loads(model.nodal_loads(state))
 
 

@@ -84,7 +84,7 @@ class Tracer:
 
     def _load(self, share: float) -> None:
         state = self.course.at(share)
-        self.work.system.set_pressures(self.model.chamber_pressures(state))
+        self.work.system.set_surface_loads(self.model.surface_values(state))
         self.work.system.set_loads(self.model.nodal_loads(state))
 
     def _force(self, position: Floats, share: float) -> Floats:
