@@ -251,15 +251,35 @@ def test_a_narrow_window_is_enough(tab: chromium.Browser) -> None:
     assert tab.value("document.documentElement.scrollWidth") <= 420
 
 
-def test_it_works_in_the_sandbox_of_a_notebook(browser: chromium.Browser, tmp_path: Path) -> None:
-    """The wrinkled third appears in a page that does no more than hold the frame."""
+def open_notebook(browser: chromium.Browser, folder: Path, frame: str) -> None:
+    """A page that does no more than hold the frame of a run."""
+    (folder / "notebook.html").write_text(f"<!doctype html><body>{frame}", encoding="utf-8")
     browser.complaints.clear()
-    (tmp_path / "notebook.html").write_text(f"<!doctype html><body>{show(RUN)._repr_html_()}", encoding="utf-8")
     browser.size(1400, 900)
-    browser.call("Page.navigate", url=(tmp_path / "notebook.html").as_uri())
+    browser.call("Page.navigate", url=(folder / "notebook.html").as_uri())
     browser.wait("location.pathname.endsWith('notebook.html') && document.readyState === 'complete'")
+
+
+def the_wrinkled_third_appears(browser: chromium.Browser) -> None:
     until = time.monotonic() + 60.0
-    while like(np.asarray(browser.picture(), dtype=int)[350:, :900], (242, 153, 41)) < 0.01:
-        assert time.monotonic() < until
+    while (share := like(np.asarray(browser.picture(), dtype=int)[350:, :900], (242, 153, 41))) < 0.01:
+        assert time.monotonic() < until, f"{share:.2%} of the picture is orange"
         time.sleep(0.2)
     assert not browser.complaints
+
+
+def test_it_works_in_the_sandbox_of_a_notebook(browser: chromium.Browser, tmp_path: Path) -> None:
+    open_notebook(browser, tmp_path, show(RUN)._repr_html_())
+    the_wrinkled_third_appears(browser)
+
+
+def test_it_works_in_a_frame_that_is_shown_after_its_run_has_been_read(
+    browser: chromium.Browser, tmp_path: Path
+) -> None:
+    """Frames have no size in a folded cell, nor (at times) in the first moments of their life."""
+    frame = show(RUN)._repr_html_().replace('sandbox="allow-scripts" ', "")  # so that its state can be asked for
+    open_notebook(browser, tmp_path, f'<div id="cell" style="display: none">{frame}</div>')
+    browser.wait("frames[0].document.body?.dataset.ready === 'yes'")
+    assert browser.value("frames[0].innerWidth") == 0
+    browser.value("document.getElementById('cell').style.display = 'block'")
+    the_wrinkled_third_appears(browser)

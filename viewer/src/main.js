@@ -29,7 +29,6 @@ class Viewer {
     this.#bind();
     this.go(this.time);
     this.stage?.resize();
-    this.stage?.home();
   }
 
   get step() {

@@ -81,13 +81,16 @@ export class Stage {
     this.controls.update();
   }
 
+  // The view is placed when it first has a size; in a frame that is not shown (yet) it has none.
   resize() {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+    if (!width || !height) return;
     this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    this.redraw();
+    if (this.placed) this.redraw();
+    else this.home();
   }
 
   draw() {
