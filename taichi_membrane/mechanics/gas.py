@@ -6,12 +6,10 @@ To the tangent each chamber adds a dense but rank-one term κ b bᵀ, κ = n p_a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from taichi_membrane.algebra.protocol import Factor
-from taichi_membrane.algebra.refinement import SINGULAR, USELESS, refined
+from taichi_membrane.mechanics.coupled import RankOne
 from taichi_membrane.mechanics.preparation import Floats, Ints, volume_gradient
 from taichi_membrane.mechanics.system import System
 
@@ -77,18 +75,10 @@ class Gas:
             total += pressures[chamber.number] * (volume - chamber.rest_volume) - chamber.work(volume)
         return total
 
-    def coupled(self, factor: Factor) -> CoupledFactor | None:
-        """The factorised tangent with the chambers' terms; ``factor`` is that at constant pressures. None where it is singular."""
-        gradients = [np.where(~self.system.structure.node_held, g, 0.0) for g in map(self._gradient, self.chambers)]
-        resistance = [c.resistance(v) for c, v in zip(self.chambers, self._volumes(), strict=True)]
-        softened = [factor.solve(gradient) for gradient in gradients]
-        if not np.isfinite(softened).all():
-            return None
-        inner = np.diag(1.0 / np.array(resistance))
-        inner += np.array([[np.vdot(a, b) for b in softened] for a in gradients])
-        # Sylvester's law on the bordered matrix, whose inertia can be read both ways.
-        negative = factor.negative + int((np.linalg.eigvalsh(inner) > 0.0).sum()) - len(self.chambers)
-        return CoupledFactor(factor, gradients, resistance, softened, inner, negative)
+    def rank_one(self) -> list[RankOne]:
+        """What each chamber adds to the tangent at constant pressures."""
+        pairs = zip(self.chambers, self._volumes(), strict=True)
+        return [RankOne(chamber.resistance(volume), self._gradient(chamber)) for chamber, volume in pairs]
 
     def _volumes(self) -> list[float]:
         swept = self.system.swept_volumes(self.system.displacement())
@@ -99,48 +89,3 @@ class Gas:
         mesh = self.system.structure.mesh
         places = mesh.points + self.system.displacement()
         return self.system.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles], chamber.sign))
-
-
-@dataclass(frozen=True, eq=False)
-class CoupledFactor:
-    """A factorised matrix with rank-one terms added, by the formula of Sherman, Morrison and Woodbury.
-
-    :param negative: number of negative eigenvalues of the sum.
-    """
-
-    factor: Factor
-    gradients: list[Floats]
-    resistance: list[float]
-    softened: list[Floats]
-    inner: Floats
-    negative: int
-    doubt: ClassVar[str] = ""
-    refusal: ClassVar[str] = SINGULAR
-
-    def solve(self, right: Floats, within: float = USELESS) -> Floats:
-        """Solution (n, 3) for a right-hand side (n, 3), by nodes; not a number where more than ``within`` of that is left."""
-        return refined(self.substituted, self.times, right, within)
-
-    def solve_transposed(self, right: Floats, within: float = USELESS) -> Floats:
-        """The same: the matrix is symmetric."""
-        return self.solve(right, within)
-
-    def substituted(self, right: Floats) -> Floats:
-        """Solution by the formula."""
-        solution = self.factor.substituted(right)
-        shares = np.linalg.solve(self.inner, [np.vdot(gradient, solution) for gradient in self.gradients])
-        for share, softened in zip(shares, self.softened, strict=True):
-            solution = solution - share * softened
-        return solution
-
-    def times(self, vector: Floats) -> Floats:
-        """The sum times a vector (n, 3)."""
-        return self.factor.times(vector) + self._gas_times(vector)
-
-    def residual(self, solution: Floats, right: Floats) -> float:
-        """Backward error of a solution, in largest components, over the size of the matrix without the gas."""
-        return self.factor.residual(solution, right - self._gas_times(solution))
-
-    def _gas_times(self, vector: Floats) -> Floats:
-        parts = zip(self.resistance, self.gradients, strict=True)
-        return np.asarray(sum(stiffness * np.vdot(gradient, vector) * gradient for stiffness, gradient in parts))

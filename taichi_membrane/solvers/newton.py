@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.algebra.protocol import DIRECT, Algebra, Factor
+from taichi_membrane.mechanics.coupled import coupled
 from taichi_membrane.mechanics.gas import Gas
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.rim import Rim, Skew, SkewFactor, symmetric
@@ -143,7 +144,7 @@ class Newton:
     def _whole(self, factor: Factor | None, skew: Skew | None) -> Factor | None:
         """The factorised sparse symmetric part with what shut chambers and pressures without a potential add."""
         if factor is not None and self.gas is not None:
-            factor = self.gas.coupled(factor)
+            factor = coupled(factor, self.gas.rank_one(), self.free)
         return factor if factor is None or skew is None else SkewFactor(factor, skew)
 
     def _restarted(self, loads: Floats) -> float:
