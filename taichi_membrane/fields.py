@@ -20,6 +20,9 @@ MEASURES = {
 }
 
 
+Place = Literal["node", "element", "cable"]
+
+
 class Units(Protocol):
     """Labels of a scene's units."""
 
@@ -42,7 +45,7 @@ class Units(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Field:
-    """One quantity of a load step at every node or element.
+    """One quantity of a load step at every node, element (triangle), or straight piece of a cable.
 
     :param meaning: words for labels.
     :param unit: what it is measured in, by the name of a label of the scene's units; empty for a number.
@@ -55,7 +58,7 @@ class Field:
     """
 
     name: str
-    place: Literal["node", "element"]
+    place: Place
     meaning: str
     unit: Literal["", "length", "force", "stress", "resultant"] = ""
     measure: Literal["", "PK2", "Cauchy"] = ""
@@ -70,9 +73,9 @@ class Field:
         values: NDArray[Any] = getattr(present, self.name) if self.value is None else self.value(present)
         return values
 
-    def shape(self, node_count: int, tri_count: int) -> tuple[int, ...]:
-        """Of its values on a mesh."""
-        count = node_count if self.place == "node" else tri_count
+    def shape(self, node_count: int, tri_count: int, cable_count: int = 0) -> tuple[int, ...]:
+        """Of its values on a mesh with so many pieces of cables."""
+        count = {"node": node_count, "element": tri_count, "cable": cable_count}[self.place]
         return (count, len(self.components)) if self.components else (count,)
 
     @property
@@ -82,7 +85,7 @@ class Field:
 
     @property
     def bytes(self) -> int:
-        """Memory for each node or element."""
+        """Memory for each node, element or piece."""
         return (1 if self.whole else 8) * (len(self.components) or 1)
 
     @property
@@ -105,7 +108,10 @@ _XYZ, _FABRIC_AXES = ("x", "y", "z"), ("warp", "weft", "shear")
 
 FIELDS: tuple[Field, ...] = (
     Field(name="displacement", place="node", meaning="displacement", unit="length", components=_XYZ, picture="scale"),
-    Field(name="reaction", place="node", meaning="support force, zero at free components", unit="force", components=_XYZ),
+    Field(
+        name="reaction", place="node", meaning="support force, of springs to the ground too; zero elsewhere",
+        unit="force", components=_XYZ,
+    ),
     Field(name="state", place="element", meaning="0 taut, 1 wrinkled, 2 slack", whole=True, picture="states"),
     Field(name="fold_strain", place="element", meaning="strain in folds", picture="scale"),
     Field(
@@ -134,6 +140,7 @@ FIELDS: tuple[Field, ...] = (
         name="strain", place="element", meaning="strain in fabric axes, shear the engineering one",
         components=_FABRIC_AXES, split=True,
     ),
+    Field(name="cable_force", place="cable", meaning="cable force, tension positive", unit="force"),
 )  # fmt: skip
 
 
@@ -147,6 +154,6 @@ def drawn() -> list[str]:
     return sorted((field.name for field in FIELDS if field.picture), key=lambda name: named(name).picture != "states")
 
 
-def step_bytes(place: Literal["node", "element"]) -> int:
-    """Memory that a load step takes for each node or element."""
+def step_bytes(place: Place) -> int:
+    """Memory that a load step takes for each node, element or piece of a cable."""
     return sum(field.bytes for field in FIELDS if field.place == place)

@@ -228,7 +228,9 @@ def _potential_lines(model: Model) -> list[str]:
 def _cable_line(cable: Cable) -> str:
     """Where cables run."""
     place = cable.along or cable.lines or " to ".join(cable.nodes or ())
-    return f"{cable.kind}, EA {cable.EA:g}, {'from ' if cable.nodes else 'along '}{place}"
+    kind = "sliding cable" if cable.sliding else cable.kind
+    parts = f", {cable.parts} parts between two" if cable.parts > 1 else ""
+    return f"{kind}, EA {cable.EA:g}, {'from ' if cable.nodes else 'along '}{place}{parts}"
 
 
 def _counts(groups: Mapping[str, Sized]) -> str:

@@ -81,6 +81,76 @@ class Cables:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Ropes:
+    """Cables that slide over their inner nodes, each with one force T = T₀ + EA (l - L)/L, or none where that is negative.
+
+    :param chain: node numbers of all of them, one after another; no node comes twice in one of them.
+    :param start: (n + 1,) where each begins in ``chain``.
+    :param closed: (n,) True where the last node is joined to the first.
+    :param length: (n,) whole unstressed lengths L.
+    :param stiffness: (n,) EA [force].
+    :param prestress: (n,) T₀, the force at the unstressed length.
+    """
+
+    chain: Ints
+    start: Ints
+    closed: NDArray[np.bool_]
+    length: Floats
+    stiffness: Floats
+    prestress: Floats
+
+    @property
+    def count(self) -> int:
+        """Number of cables."""
+        return len(self.length)
+
+    @property
+    def side_counts(self) -> Ints:
+        """(n,) number of straight pieces of each."""
+        return np.diff(self.start) - 1 + self.closed
+
+    @property
+    def sides(self) -> Ints:
+        """(k, 2) nodes of all straight pieces, cable by cable."""
+        found = []
+        for nodes, closed in zip(self._nodes(), self.closed, strict=True):
+            found.append(np.column_stack([nodes, np.roll(nodes, -1)])[: len(nodes) if closed else -1])
+        return np.concatenate(found)
+
+    @property
+    def pairs(self) -> Ints:
+        """(k, 2) every two nodes of a cable, which one force couples: rows (0, 1), (0, 2), … (1, 2), … of each."""
+        return np.concatenate(
+            [np.column_stack([nodes[i] for i in np.triu_indices(len(nodes), 1)]) for nodes in self._nodes()]
+        )
+
+    @property
+    def pair_start(self) -> Ints:
+        """(n + 1,) where the pairs of each begin."""
+        many = np.diff(self.start)
+        return np.concatenate([[0], np.cumsum(many * (many - 1) // 2)])
+
+    def _nodes(self) -> list[Ints]:
+        return np.split(self.chain, self.start[1:-1])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Springs:
+    """Springs from nodes to the ground, each with the force -k <u·d> on its node along d, u the displacement.
+
+    :param nodes: (n,) node numbers.
+    :param stiffness: (n,) k [force/length].
+    :param direction: (n, 3) unit vectors d.
+    :param kind: (n,) 0 for both ways, 1 where only motion along d is resisted (tension), -1 where only that against it is.
+    """
+
+    nodes: Ints
+    stiffness: Floats
+    direction: Floats
+    kind: Ints
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Plane:
     """A rigid plane that nodes touch without friction and do not pass: n · x ≥ n · a.
 

@@ -18,6 +18,8 @@ from taichi_membrane.mechanics.preparation import (
     Ints,
     Plane,
     PlanLoads,
+    Ropes,
+    Springs,
     TriangleGeometry,
     Water,
 )
@@ -45,7 +47,8 @@ class Features:
     ``several_fabrics``: a fabric number per triangle. ``prestress``: a strain offset per fabric. ``loads``: a load vector per node.
     ``wind``: a pressure per triangle beside those of chambers. ``snow``: a load per plan area of each triangle.
     ``water``: how many liquids.
-    ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``planes``: how many.
+    ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``ropes``: cables that
+    slide over nodes. ``springs``: nodes on springs to the ground. ``planes``: how many.
     """
 
     variants: tuple[Variant, ...]
@@ -58,6 +61,8 @@ class Features:
     loads: bool
     slanted: bool
     cables: bool
+    ropes: bool
+    springs: bool
     planes: int
 
     def describe(self) -> tuple[list[str], list[str]]:
@@ -79,6 +84,8 @@ class Features:
             "dead loads": self.loads,
             "slanted supports": self.slanted,
             "cables": self.cables,
+            "sliding cables": self.ropes,
+            "springs to the ground": self.springs,
             "contact with planes": self.planes > 0,
         }
         return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]
@@ -86,7 +93,7 @@ class Features:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Structure:
-    """A mesh with its fabrics, supports, the surfaces that pressure acts on, cables and planes; all that mechanics needs to know.
+    """A mesh with its fabrics, supports, pressed surfaces, cables, springs and planes; all that mechanics needs to know.
 
     A run sets the values of loads on the surface in one array: pressures of the chambers, then winds, loads per plan area, and
     levels of liquids.
@@ -112,6 +119,8 @@ class Structure:
     node_frame: Floats | None = None
     tri_ahead: Ints | None = None
     cables: Cables | None = None
+    ropes: Ropes | None = None
+    springs: Springs | None = None
     planes: tuple[Plane, ...] = ()
     wind: Floats | None = None
     snow: PlanLoads | None = None
@@ -155,20 +164,40 @@ class Structure:
 
     @cached_property
     def slots(self) -> Ints:
-        """Node of each slot: the triangles' corners, then the cables' ends."""
-        corners = self.mesh.triangles.ravel()
-        return corners if self.cables is None else np.concatenate([corners, self.cables.nodes.ravel()])
+        """Node of each slot: the triangles' corners, then the cables' ends, then the nodes of those that slide."""
+        parts: list[Ints] = [self.mesh.triangles.ravel()]
+        parts += [] if self.cables is None else [self.cables.nodes.ravel()]
+        parts += [] if self.ropes is None else [self.ropes.chain]
+        return np.concatenate(parts).astype(np.int32)
 
     @cached_property
     def pairs(self) -> Ints:
-        """(n, 2) nodes of the rows and columns of each block that couples two ends of an element: triangles' sides, then cables."""
-        sides = preparation.sides_of(self.mesh.triangles)
-        return sides if self.cables is None else np.concatenate([sides, self.cables.nodes])
+        """(n, 2) nodes of the rows and columns of each block that couples two ends of an element: triangles' sides, then cables,
+        then every two nodes of those that slide."""
+        parts: list[Ints] = [preparation.sides_of(self.mesh.triangles)]
+        parts += [] if self.cables is None else [self.cables.nodes]
+        parts += [] if self.ropes is None else [self.ropes.pairs]
+        return np.concatenate(parts).astype(np.int32)
+
+    @property
+    def cable_sides(self) -> tuple[Ints, Floats]:
+        """(n, 2) nodes of all straight pieces of cables, first of those with a force of their own, then of those that slide; and
+        their unstressed lengths, of the latter as far as known: in equal shares."""
+        nodes: list[Ints] = [np.zeros((0, 2), dtype=np.int32)]
+        lengths = [np.zeros(0)]
+        if self.cables is not None:
+            nodes.append(self.cables.nodes)
+            lengths.append(self.cables.length)
+        if self.ropes is not None:
+            counts = self.ropes.side_counts
+            nodes.append(self.ropes.sides)
+            lengths.append(np.repeat(self.ropes.length / counts, counts))
+        return np.concatenate(nodes), np.concatenate(lengths)
 
     @cached_property
     def edges(self) -> Ints:
         """(edge_count, 2) nodes that any element couples, the lower number first; sorted."""
-        if self.cables is None:
+        if self.cables is None and self.ropes is None:
             return self.mesh.edges()
         keys = np.unique(preparation.edge_keys(self.pairs, self.node_count))
         return np.column_stack(np.divmod(keys, self.node_count)).astype(np.int32)
@@ -236,6 +265,8 @@ class Structure:
             loads=self.loads,
             slanted=self.node_frame is not None,
             cables=self.cables is not None,
+            ropes=self.ropes is not None,
+            springs=self.springs is not None,
             planes=len(self.planes),
         )
 

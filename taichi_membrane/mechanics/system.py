@@ -15,7 +15,9 @@ from taichi_membrane.mechanics.nodes import Nodes, field_bytes
 from taichi_membrane.mechanics.planes import PlaneTerm
 from taichi_membrane.mechanics.preparation import Floats, TriangleGeometry
 from taichi_membrane.mechanics.pressure import Pressure
+from taichi_membrane.mechanics.ropes import RopeTerm
 from taichi_membrane.mechanics.snow import Snow
+from taichi_membrane.mechanics.springs import SpringTerm
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm, Term
 from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
@@ -33,10 +35,12 @@ class System(Nodes):
         self.water = WaterTerm(self, structure)
         self.triangles = Triangles(self, self.pressure, self.snow, self.water, structure)
         self.cables = CableTerm(self, structure) if self.features.cables else None
+        self.ropes = RopeTerm(self, structure) if self.features.ropes else None
         self.planes = tuple(PlaneTerm(self, structure, number) for number in range(self.features.planes))
-        others = () if self.cables is None else (self.cables,)
-        self.terms: tuple[ElementTerm, ...] = (self.triangles, *others)
-        self.node_terms: tuple[NodeTerm, ...] = self.planes
+        self.springs = SpringTerm(self, structure) if self.features.springs else None
+        cables = [term for term in (self.cables, self.ropes) if term is not None]
+        self.terms: tuple[ElementTerm, ...] = (self.triangles, *cables)
+        self.node_terms: tuple[NodeTerm, ...] = self.planes if self.springs is None else (*self.planes, self.springs)
         self.upload(structure)
 
     def accepts(self, structure: Structure) -> bool:
@@ -164,6 +168,10 @@ class System(Nodes):
         """Strain, stress and wrinkling state of every triangle at the present displacements."""
         return self.triangles.element_state()
 
+    def cable_forces(self) -> Floats:
+        """(n,) force of each straight piece of a cable, in the order of :attr:`.Structure.cable_sides`, tension positive."""
+        return np.concatenate([np.zeros(0), *(one.forces() for one in (self.cables, self.ropes) if one is not None)])
+
     def scale_thickness(self, fabric_number: int, factor: float) -> None:
         """Give one fabric so many times its thickness; 1 restores it."""
         self.triangles.scale_thickness(fabric_number, factor)
@@ -179,4 +187,6 @@ class System(Nodes):
         squared = (level[structure.tri_fabric] ** 2 * self.geometry.area).sum()
         if structure.cables is not None:
             squared += (structure.cables.prestress**2).sum()
+        if structure.ropes is not None:
+            squared += (structure.ropes.prestress**2).sum()
         return float(np.sqrt(squared))

@@ -1,10 +1,13 @@
-"""Loose points that lines use made nodes of the mesh."""
+"""Nodes that no triangle uses: loose points that lines use, and points that a scene adds."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taichi_membrane.mesh.check import frozen
 from taichi_membrane.mesh.surface import Mesh
@@ -40,6 +43,25 @@ def with_line_nodes(mesh: Mesh, group: str) -> Mesh:
         loose_points=frozen(mesh.loose_points[left - mesh.node_count]),
         loose_groups=still_loose,
         lines=frozen(number[mesh.lines]),
+    )
+    out.__dict__["_edges"] = mesh._edges  # same triangles: no need to sort them again
+    return out
+
+
+def with_added_nodes(mesh: Mesh, points: NDArray[np.float64], groups: Mapping[str, NDArray[Any]]) -> Mesh:
+    """The mesh with more nodes after its own, which no triangle uses; loose points are numbered after them.
+
+    :param points: (k, 3) places.
+    :param groups: node groups to add, by the numbers the nodes get.
+    """
+    count, more = mesh.node_count, len(points)
+    nodes = {**mesh.node_groups, **groups, "all": np.arange(count + more)}
+    out = replace(
+        mesh,
+        points=frozen(np.concatenate((mesh.points, points))),
+        node_groups={name: frozen(np.asarray(members, dtype=np.int32)) for name, members in nodes.items()},
+        loose_groups={name: frozen((members + more).astype(np.int32)) for name, members in mesh.loose_groups.items()},
+        lines=frozen(np.where(mesh.lines >= count, mesh.lines + more, mesh.lines).astype(np.int32)),
     )
     out.__dict__["_edges"] = mesh._edges  # same triangles: no need to sort them again
     return out

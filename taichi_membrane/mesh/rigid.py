@@ -30,7 +30,8 @@ def rigid_motions_left(
 
     :param node_fixed: (node_count, 3) True where a displacement component is prescribed.
     :param node_frame: (node_count, 3, 3) rows are each node's own axes, which ``node_fixed`` then refers to; x, y, z when None.
-    :param ties: (n, 2) nodes that something beside the triangles joins; how a chain of them can move in itself is not told.
+    :param ties: (n, 2) nodes that something beside the triangles joins; how a chain of them can move in itself is not told,
+        nor how a part of ties alone can turn: what is hung up swings, and its load decides where.
     :return: for example ``translation along x`` or ``rotation about z through (0, 0, 0)``; empty when all is held.
     :raises InputError: ``node_fixed`` has another shape.
     """
@@ -42,14 +43,19 @@ def rigid_motions_left(
     order = np.argsort(label, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(label))[:-1])
     told: list[str] = []
+    in_triangle = np.zeros(mesh.node_count, dtype=bool)
+    in_triangle[mesh.triangles] = True
     for nodes in parts:
         which = "" if len(parts) == 1 else f" of the part with node {nodes[0]} ({len(nodes)} nodes)"
         frames = np.eye(3)[None] if node_frame is None else node_frame[nodes]
-        told += [f"{motion}{which}" for motion in _motions(mesh.points[nodes], fixed[nodes], frames)]
+        turns = bool(in_triangle[nodes].any())
+        told += [f"{motion}{which}" for motion in _motions(mesh.points[nodes], fixed[nodes], frames, turns=turns)]
     return told
 
 
-def _motions(points: NDArray[np.float64], fixed: NDArray[np.bool_], frames: NDArray[np.float64]) -> list[str]:
+def _motions(
+    points: NDArray[np.float64], fixed: NDArray[np.bool_], frames: NDArray[np.float64], *, turns: bool
+) -> list[str]:
     held = fixed.any(axis=1)
     frames = np.broadcast_to(frames, (len(points), 3, 3))
     # Rotations are taken about the middle of the held nodes, so that a pinned node is named as it is.
@@ -59,7 +65,7 @@ def _motions(points: NDArray[np.float64], fixed: NDArray[np.bool_], frames: NDAr
     free = _that_move((points - origin) / size, free)
     translations = free @ _null_space(free[3:])
     told = [f"translation along {_direction(t)}" for t in _readable_basis(translations[:3])]
-    for axis in _readable_basis(free[3:]):
+    for axis in _readable_basis(free[3:]) if turns else ():
         # The least motion with this rotation: it holds no part of the free translations.
         motion = free @ np.linalg.lstsq(free[3:], axis, rcond=RANK_TOLERANCE)[0]
         told.append(_rotation(motion[:3] * size, axis, origin, size))

@@ -23,17 +23,19 @@ from pydantic import ValidationError
 
 from taichi_membrane import fields as tables
 from taichi_membrane.errors import InputError
-from taichi_membrane.mesh import Mesh
+from taichi_membrane.mesh import Mesh, with_added_nodes
 from taichi_membrane.mesh.check import frozen
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
+from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
 
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 5
 SUMMARY, MESH = "summary.json", "mesh.vtu"
+CABLE = "cable"  # array of the lines of mesh.vtu and of the steps' files: number of the cable in the scene
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
 PATH = "path_"  # begins the names of what a stage by arc length goes on from
 PATH_ARRAYS = ("path_tangent", "path_advance")
@@ -77,12 +79,13 @@ def read_run(directory: Path) -> SavedRun:
     with _damage_told(directory):
         mesh_checksum = str(summary["mesh"]["sha256"])
         records = tuple(dict(record) for record in summary["steps"])
-        mesh = _mesh(directory / MESH, mesh_checksum)
+        mesh = _mesh(scene, directory / MESH, mesh_checksum)
+        cable_count = len(line_elements(scene, mesh)[0])
         return SavedRun(
             directory=directory,
             scene=scene,
             mesh=mesh,
-            steps=tuple(_step(directory, mesh, record) for record in records),
+            steps=tuple(_step(directory, mesh, cable_count, record) for record in records),
             settings=_settings(**summary["settings"]),
             own_probes=tuple(map(str, summary["own_probes"])),
             provenance=dict(summary["provenance"]),
@@ -179,24 +182,42 @@ def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
         raise InputError(f"{directory / SUMMARY}: damaged scene: {mistakes(error, data, Scene)}") from None
 
 
-def _mesh(path: Path, checksum: str) -> Mesh:
+def _mesh(scene: Scene, path: Path, checksum: str) -> Mesh:
     content = _read_vtu(path, checksum)
     cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
     triangles = content.cells_dict.get("triangle")
     if triangles is None:
         raise InputError(f"{path}: damaged: no triangles")
     warp = cells.get("warp")
+    count = int(triangles.max()) + 1  # nodes that only cables use come after those of triangles
+    groups = _groups(content.point_data)
     mesh = Mesh.build(
-        content.points,
+        content.points[:count],
         triangles,
-        _groups(content.point_data),
+        {name: members for name, members in groups.items() if (members < count).all()},
         _groups(cells),
         warp,
         where=str(path),
         open_seams=True,  # the scene said what becomes of them when the run began
     )
+    mesh = with_added_nodes(
+        mesh, content.points[count:], {name: groups[name] for name in groups.keys() - mesh.node_groups}
+    )
+    lines = content.cells_dict.get("line")
+    if lines is not None:
+        mesh = _with_lines(scene, mesh, lines, content.cell_data[CABLE][1])
     # They were unit vectors in the elements' planes already; made so once more, they would differ in the last bit.
     return mesh if warp is None else replace(mesh, tri_warp=frozen(np.asarray(warp, dtype=np.float64)))
+
+
+def _with_lines(scene: Scene, mesh: Mesh, lines: NDArray[Any], owner: NDArray[Any]) -> Mesh:
+    """The mesh with the lines that cables run along, in the groups that they name."""
+    groups = {
+        cable.lines: frozen(np.flatnonzero(owner == number).astype(np.int32))
+        for number, cable in enumerate(scene.cables.values())
+        if cable.lines is not None
+    }
+    return replace(mesh, lines=frozen(np.asarray(lines, dtype=np.int32)), line_groups=groups) if groups else mesh
 
 
 def _groups(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -204,20 +225,25 @@ def _groups(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return {name: np.flatnonzero(mark) for name, mark in named.items() if name != "all"}
 
 
-def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
+def _step(directory: Path, mesh: Mesh, cable_count: int, record: dict[str, Any]) -> StepResult:
     name = str(record["file"])
     # The name comes from a file that anybody may have edited: it must not lead out of the folder.
     path = directory / Path(name).name
     content = _read_vtu(path, record["sha256"])
-    cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
+    points = content.point_data
+    cells, lines = (
+        {name: blocks[k] for name, blocks in content.cell_data.items() if len(blocks) > k} for k in range(2)
+    )
+    if not cable_count:
+        lines = {one: np.zeros(0) for field in tables.FIELDS if field.place == "cable" for one in field.arrays}
 
     def per_node(name: str) -> Floats:
-        return _array(path, content.point_data, name, (mesh.node_count, 3))
+        return _array(path, points, name, (mesh.node_count, 3))
 
     fields: dict[str, NDArray[Any]] = {}
     for field in tables.FIELDS:
-        arrays = content.point_data if field.place == "node" else cells
-        shape = field.shape(mesh.node_count, mesh.tri_count)
+        arrays = {"node": points, "element": cells, "cable": lines}[field.place]
+        shape = field.shape(mesh.node_count, mesh.tri_count, cable_count)
         parts = [_array(path, arrays, one, shape[:1] if field.split else shape) for one in field.arrays]
         fields[field.name] = (np.stack(parts, axis=1) if field.split else parts[0]).astype(field.dtype)
     return StepResult(
@@ -243,7 +269,6 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         trace=tuple(Passage(event=event, share=float(share)) for event, share in record["trace"]),
         unknown={str(name): str(why) for name, why in record["unknown"].items()},
         state=_state(record, fields["displacement"], per_node),
-        cable_forces=np.array(list(map(_number, record["cable_forces"]))),
         contact_forces=_numbers(record["contact_forces"]),
     )
 

@@ -29,6 +29,7 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.lock import LOCK
 from taichi_membrane.output.reader import (
+    CABLE,
     FORMAT,
     FORMAT_VERSION,
     GROUP,
@@ -38,14 +39,15 @@ from taichi_membrane.output.reader import (
     PATH_ARRAYS,
     SUMMARY,
     SavedRun,
-    file_checksum,
     is_run,
     summary_checksum,
 )
 from taichi_membrane.output.tables import stability_text
+from taichi_membrane.output.vtu import write_vtu
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
+from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import RunResult, Settings, StepResult
 from taichi_membrane.simulation.state import State
@@ -88,6 +90,7 @@ class Writer:
     ) -> None:
         self.directory = directory
         self._scene, self._mesh, self._tri_fabric = scene, mesh, tri_fabric
+        self._lines, self._cable = line_elements(scene, mesh)
         self._settings, self._provenance = settings, dict(provenance)
         self._own_probes = tuple(own_probes)
         self._columns = _columns(scene, self._own_probes)
@@ -151,16 +154,19 @@ class Writer:
         cells: dict[str, NDArray[Any]] = {"fabric": self._tri_fabric}
         if mesh.tri_warp is not None:
             cells["warp"] = mesh.tri_warp
-        return _write_vtu(
+        marks = _group_marks(mesh.tri_groups, mesh.tri_count)
+        return write_vtu(
             path,
             mesh,
+            self._lines,
             _group_marks(mesh.node_groups, mesh.node_count),
-            cells | _group_marks(mesh.tri_groups, mesh.tri_count),
+            cells | marks,
+            {CABLE: self._cable} | {name: np.zeros(len(self._lines), dtype=np.int8) for name in marks},
         )
 
     def _write_arrays(self, path: Path, step: StepResult) -> str:
         """Points are unstressed and the displacement a vector, so that ParaView's Warp By Vector gives the deformed shape."""
-        places: dict[str, dict[str, NDArray[Any]]] = {"node": {}, "element": {}}
+        places: dict[str, dict[str, NDArray[Any]]] = {"node": {}, "element": {}, "cable": {CABLE: self._cable}}
         for field in fields.FIELDS:
             values = step.fields[field.name]
             places[field.place] |= zip(field.arrays, values.T if field.split else [values], strict=True)
@@ -170,7 +176,7 @@ class Writer:
             points |= {name: getattr(step.state.path, name.removeprefix(PATH)) for name in PATH_ARRAYS}
         if step.modes is not None:
             points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
-        return _write_vtu(path, self._mesh, points, cells)
+        return write_vtu(path, self._mesh, self._lines, points, cells, places["cable"])
 
     def _write_tables(self) -> list[Path]:
         text = io.StringIO()
@@ -213,7 +219,7 @@ class Writer:
                 "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
             },
             "files": [path.name for path in self._files()],
-            "fields": _field_notes(self._scene),
+            "fields": _field_notes(self._scene, cables=len(self._lines) > 0),
             "probes": {name: probe_unit(self._scene, name) for name in self._scene.probes},
             "own_probes": self._own_probes,
             "steps": self._records,
@@ -288,7 +294,6 @@ def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
         "trace": trace,
         "state": _state_record(step.state),
         "modes": modes,
-        "cable_forces": step.cable_forces.tolist(),
         "element_states": step.elements.count(),
         "file": file,
         "sha256": checksum,
@@ -302,8 +307,8 @@ def _state_record(state: State) -> dict[str, Any]:
     return {"stiffest": state.stiffest, "shut": state.shut, "path": scalars}
 
 
-def _field_notes(scene: Scene) -> dict[str, dict[str, Any]]:
-    """What the arrays of a step's file mean."""
+def _field_notes(scene: Scene, *, cables: bool) -> dict[str, dict[str, Any]]:
+    """What the arrays of a step's file mean, those of cables where there are some."""
     return {
         field.name: {
             "arrays": field.arrays,
@@ -313,6 +318,7 @@ def _field_notes(scene: Scene) -> dict[str, dict[str, Any]]:
             **({"measure": f"{field.measure}: {fields.MEASURES[field.measure]}"} if field.measure else {}),
         }
         for field in fields.FIELDS
+        if cables or field.place != "cable"
     }
 
 
@@ -371,13 +377,3 @@ def _remove_stale(directory: Path, ours_now: set[str]) -> None:
 def _write_text(path: Path, text: str) -> None:
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
-
-
-def _write_vtu(path: Path, mesh: Mesh, point_data: dict[str, NDArray[Any]], cell_data: dict[str, NDArray[Any]]) -> str:
-    """Write a vtu file and return its checksum."""
-    import meshio  # here, not above: it takes a quarter of a second that other commands do not need
-
-    cells = {name: [array] for name, array in cell_data.items()}
-    content = meshio.Mesh(mesh.points, [("triangle", mesh.triangles)], point_data=point_data, cell_data=cells)
-    content.write(path, file_format="vtu")
-    return file_checksum(path)

@@ -9,7 +9,7 @@ from taichi_membrane.scene.base import (
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.fabric import Fabric
 from taichi_membrane.scene.loads import AnyLoad, Load, Pressure, SnowLoad, WaterLoad, WeightLoad, WindLoad, WindTable
-from taichi_membrane.scene.members import Cable, Plane
+from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import (
     AnnulusShape,
     ArchShape,
@@ -26,6 +26,7 @@ from taichi_membrane.scene.mesh_source import (
 from taichi_membrane.scene.models import Check, Group, Scene, Units
 from taichi_membrane.scene.probe import (
     AreaProbe,
+    CableProbe,
     DisplacementProbe,
     FactorProbe,
     MomentProbe,
@@ -53,6 +54,7 @@ __all__ = [
     "ArchShape",
     "AreaProbe",
     "Cable",
+    "CableProbe",
     "Camera",
     "Check",
     "Component",
@@ -86,6 +88,7 @@ __all__ = [
     "SnowLoad",
     "Solver",
     "SphereShape",
+    "Spring",
     "Stage",
     "StressProbe",
     "Support",

@@ -1,4 +1,4 @@
-"""What acts beside the fabric: cables, and planes that the structure may touch."""
+"""What acts beside the fabric: cables with their anchors, springs, and planes that the structure may touch."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Positive, Record, Vector
+from taichi_membrane.scene.base import LARGEST, MOST, Direction, Finite, GroupName, Positive, Record, Vector
+
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 
 
 class Cable(Record):
     """Straight two-node elements with the force T = prestress + EA (l - L)/L.
 
     They run along the mesh edges whose both ends are in a node group (``along``), along a group of line elements of the mesh
-    (``lines``), or from node to node (``nodes``), each named by a group that holds it alone.
+    (``lines``), or from node to node (``nodes``), each named by a group that holds it alone, an anchor or a joint.
+    A spring between two nodes is a ``bar`` with EA its stiffness times its unstressed length.
     """
 
     along: GroupName | None = None
@@ -21,13 +24,19 @@ class Cable(Record):
     lines: GroupName | None = None
     """Group of line elements of the mesh; their loose points become nodes."""
     nodes: Annotated[list[GroupName], Field(min_length=2, max_length=MOST)] | None = None
-    """Node groups of one node each: an element from each to the next."""
+    """Node groups of one node each, anchors or joints: an element from each to the next."""
+    parts: Annotated[int, Field(ge=1, le=10_000)] = 1
+    """Elements from each of ``nodes`` to the next; their new nodes are the node group of the cable's name."""
+    sliding: bool = False
+    """The cable runs over its inner ``nodes`` without friction: one force all along. Closed where the last node is the first."""
     EA: Positive
     """Modulus times cross section [force]."""
     prestress: Finite = 0.0
     """Force at the unstressed length [force]."""
-    unstressed: Positive = 1.0
-    """Unstressed length L over the distance of the nodes in the mesh."""
+    unstressed: Positive | None = None
+    """Unstressed length L over the distance of the nodes in the mesh; 1 without it and ``length``."""
+    length: Positive | None = None
+    """Unstressed length of the whole cable, in place of ``unstressed`` [length]; elements share it by their lengths in the mesh."""
     mass_per_length: Annotated[Finite, Field(ge=0)] = 0.0
     """Mass per unstressed length [force · time²/length²], for self-weight."""
     kind: Literal["cable", "bar"] = "cable"
@@ -37,6 +46,54 @@ class Cable(Record):
     def _one_place(self) -> Self:
         if sum(place is not None for place in (self.along, self.lines, self.nodes)) != 1:
             raise ValueError("give one of along, lines and nodes")
+        if self.unstressed is not None and self.length is not None:
+            raise ValueError("give one of unstressed (a ratio) and length")
+        if self.parts > 1 and self.nodes is None:
+            raise ValueError(f"parts = {self.parts} needs nodes: mesh edges and line elements are not divided")
+        if self.sliding:
+            self._check_sliding()
+        return self
+
+    def _check_sliding(self) -> None:
+        if self.nodes is None or len(self.nodes) < 3:
+            raise ValueError("sliding = true needs nodes, three at least: it slides over those between its ends")
+        if self.kind == "bar":
+            raise ValueError("sliding = true needs kind 'cable': a bar does not run over pulleys")
+        if self.parts > 1:
+            raise ValueError(f"sliding = true and parts = {self.parts}: nothing would hold the nodes between")
+        ways = self.nodes[:-1] if self.nodes[-1] == self.nodes[0] else self.nodes
+        twice = next((name for number, name in enumerate(ways) if name in ways[:number]), None)
+        if twice is not None or len(ways) < 3:
+            raise ValueError(
+                f"sliding = true: it passes {twice or self.nodes[0]!r} twice; only its two ends may be one"
+            )
+
+
+class Spring(Record):
+    """A spring from each node of a group to the ground, slack at rest; its force is a support force.
+
+    Give ``stiffness`` along x, y and z, or one number and ``direction``. It turns with nothing: its direction stays.
+    """
+
+    group: GroupName
+    """Node group."""
+    stiffness: (
+        Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False)] | tuple[NotNegative, NotNegative, NotNegative]
+    )
+    """Of each node's spring, along ``direction`` or along x, y, z [force/length]."""
+    direction: Direction | None = None
+    """From the ground to the node, of a spring along one direction."""
+    kind: Literal["both", "tension", "compression"] = "both"
+    """What it bears: both, ``tension`` where nodes move along ``direction``, or ``compression`` where they move against it."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if isinstance(self.stiffness, tuple) == (self.direction is not None):
+            raise ValueError("give stiffness as three numbers, or as one number with a direction")
+        if isinstance(self.stiffness, tuple) and not any(self.stiffness):
+            raise ValueError("stiffness = [0, 0, 0] is no spring")
+        if self.kind != "both" and self.direction is None:
+            raise ValueError(f"kind = {self.kind!r} needs a direction: one number as stiffness, and direction")
         return self
 
 

@@ -13,13 +13,13 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from taichi_membrane.scene import drivers
-from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record
+from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record, Vector
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.fabric import Fabric
 from taichi_membrane.scene.loads import AnyLoad, Pressure, SnowLoad, WeightLoad
-from taichi_membrane.scene.members import Cable, Plane
+from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import MeshSource
-from taichi_membrane.scene.probe import FactorProbe, Probe
+from taichi_membrane.scene.probe import CableProbe, FactorProbe, Probe
 from taichi_membrane.scene.solver import Modes, Solver
 from taichi_membrane.scene.stage import Stage
 from taichi_membrane.scene.support import Motion, Support
@@ -125,6 +125,12 @@ class Scene(Record):
     """Fabric of each element group."""
     cables: Annotated[dict[Name, Cable], _FEW] = {}
     """Cables and bars by name."""
+    anchors: Annotated[dict[Name, Vector], _FEW] = {}
+    """Points of the ground that cables end at, each a node group of its name, held in x, y and z."""
+    joints: Annotated[dict[Name, Vector], _FEW] = {}
+    """Free points where cables meet, such as pulleys, each a node group of its name."""
+    springs: Annotated[dict[Name, Spring], _FEW] = {}
+    """Springs from nodes to the ground, by name."""
     planes: Annotated[dict[Name, Plane], Field(max_length=8)] = {}
     """Planes that nodes touch and do not pass, by name."""
     supports: Annotated[list[Support], _FEW] = []
@@ -193,6 +199,7 @@ class Scene(Record):
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
             raise ValueError("modes and derivatives need the tangent of solver.kind 'hybrid' or 'newton'")
         self._check_planes()
+        self._check_cable_points()
         if self.curve is not None:
             allowed = [*self.probes, "volume", "pressure", *drivers.driver_names(self)]
             _known(self.curve.x, allowed, "curve.x", "a quantity")
@@ -202,6 +209,8 @@ class Scene(Record):
         for name, probe in self.probes.items():
             if isinstance(probe, FactorProbe):
                 _known(probe.of, drivers.driver_names(self), f"probes.{name}.of", "a factor")
+            elif isinstance(probe, CableProbe):
+                _known(probe.cable, self.cables, f"probes.{name}.cable", "a cable")
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self
@@ -236,6 +245,15 @@ class Scene(Record):
                 if stage.control == "arc_length" or stage.until in ("collapse", "collapse_or_target"):
                     key = "control = 'arc_length'" if stage.control == "arc_length" else f"until = {stage.until!r}"
                     raise ValueError(f"stages.{stage.name}.{key} {told}")
+
+    def _check_cable_points(self) -> None:
+        """Refuse points of cables that no cable uses, and a name that two have."""
+        for table, points in (("anchors", self.anchors), ("joints", self.joints)):
+            for name in points:
+                if table == "joints" and name in self.anchors:
+                    raise ValueError(f"joints.{name}: anchors.{name} has the name already")
+                if not any(name in (cable.nodes or ()) for cable in self.cables.values()):
+                    raise ValueError(f"{table}.{name}: no cable has it among its nodes")
 
     def _check_closed(self, stage: Stage) -> None:
         """Refuse a stage that shuts a valve it cannot shut."""

@@ -124,6 +124,20 @@ class AreaProbe(Record):
     """State that counts."""
 
 
+class CableProbe(Record):
+    """Force, length, or slack share of a cable of the scene."""
+
+    kind: Literal["cable"]
+    """Force [force], length [length], or slack share of a cable."""
+    cable: Name
+    """Name of the cable."""
+    what: Literal["force", "length", "slack"] = "force"
+    """``force`` of its elements, tension positive; present ``length`` of all of them; ``slack``, the share (0 to 1) of its length
+    in the mesh whose elements bear nothing."""
+    reduce: Literal["max", "min", "mean"] = "max"
+    """Extreme force, or the mean over its length in the mesh."""
+
+
 Probe = Annotated[
     DisplacementProbe
     | ReactionProbe
@@ -134,6 +148,7 @@ Probe = Annotated[
     | StressProbe
     | ResultantProbe
     | FactorProbe
-    | AreaProbe,
+    | AreaProbe
+    | CableProbe,
     Field(discriminator="kind"),
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from taichi_membrane import fields
-from taichi_membrane.scene import FactorProbe, ResultantProbe, Scene, StressProbe
+from taichi_membrane.scene import CableProbe, FactorProbe, ResultantProbe, Scene, StressProbe
 from taichi_membrane.scene.drivers import driver_unit
 
 
@@ -14,6 +14,8 @@ def probe_unit(scene: Scene, name: str) -> str:
         return driver_unit(scene, probe.of)
     if isinstance(probe, StressProbe | ResultantProbe):
         return fields.named(f"{probe.which}_{probe.kind}").unit_label(units)
+    if isinstance(probe, CableProbe):
+        return {"force": units.force, "length": units.length, "slack": ""}[probe.what]
     return {
         "displacement": units.length,
         "radius": units.length,

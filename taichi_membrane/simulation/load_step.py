@@ -151,7 +151,8 @@ class LoadStep:
     def _at_apex(self, a: Rest) -> bool:
         """Whether nothing carries and compression is not borne: there stiffness depends on the direction of the least move."""
         structure = self.system.structure
-        if all(fabric.law == "none" for fabric in structure.fabrics) and structure.cables is None:
+        no_cables = structure.cables is None and structure.ropes is None
+        if all(fabric.law == "none" for fabric in structure.fabrics) and no_cables:
             return False
         self.system.set_displacement(a.position)
         stiffest = max(max(fabric.e_warp, fabric.e_weft) for fabric in structure.fabrics)

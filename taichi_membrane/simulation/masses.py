@@ -8,7 +8,7 @@ from taichi_membrane.mechanics.preparation import Floats, sum_to_nodes
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.fabrics import fabric_list, fabrics_of
-from taichi_membrane.simulation.members import cable_pairs
+from taichi_membrane.simulation.members import cable_elements
 
 
 def nodal_mass(scene: Scene, mesh: Mesh) -> Floats:
@@ -19,7 +19,7 @@ def nodal_mass(scene: Scene, mesh: Mesh) -> Floats:
     mass = sum_to_nodes(mesh, np.repeat(of_fabric / 3.0, 3)[:, None])[:, 0]
     for name, cable in scene.cables.items():
         if cable.mass_per_length > 0.0:
-            pairs, distance = cable_pairs(cable, mesh, f"cables.{name}")
-            ends = np.repeat(0.5 * cable.mass_per_length * cable.unstressed * distance, 2)
+            pairs, length = cable_elements(name, cable, mesh)
+            ends = np.repeat(0.5 * cable.mass_per_length * length, 2)
             mass = mass + np.bincount(pairs.ravel(), weights=ends, minlength=mesh.node_count)
     return np.asarray(mass)

@@ -97,7 +97,6 @@ class Measure:
             unknown=self._unknown(stage, at_rest, converged=record.converged, limited=limit is not None),
             state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
             seconds=time.perf_counter() - started,
-            cable_forces=np.zeros(0) if self.system.cables is None else self.system.cables.forces(),
             contact_forces=self._contact_forces(),
         )
         return probes.with_own(self.model, step)
@@ -105,11 +104,15 @@ class Measure:
     def _present(self, displacement: Floats) -> Present:
         """The system's present state, downloaded."""
         local = self.system.in_frames(-self.system.out_of_balance())
+        reaction = self.system.from_frames(np.where(self.model.structure.node_held, local, 0.0))
+        if self.system.springs is not None:
+            reaction = reaction + self.system.springs.forces(displacement)
         return Present(
             structure=self.model.structure,
             displacement=displacement,
-            reaction=self.system.from_frames(np.where(self.model.structure.node_held, local, 0.0)),
+            reaction=reaction,
             elements=self.system.element_state(),
+            cable_force=self.system.cable_forces(),
         )
 
     def _energy(self, state: LoadState, displacement: Floats) -> float | None:

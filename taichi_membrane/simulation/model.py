@@ -21,9 +21,17 @@ from taichi_membrane.simulation.chambers import Chamber, chambers_of, sides
 from taichi_membrane.simulation.dead_forces import unit_forces_of
 from taichi_membrane.simulation.fabrics import fabric_list, fabrics_of, warp_directions
 from taichi_membrane.simulation.load_state import LoadState
-from taichi_membrane.simulation.members import cables_of, planes_of, with_cable_nodes
+from taichi_membrane.simulation.members import (
+    cables_of,
+    line_elements,
+    planes_of,
+    ropes_of,
+    springs_of,
+    with_cable_nodes,
+    with_line_nodes,
+)
 from taichi_membrane.simulation.results import ProbeFunction
-from taichi_membrane.simulation.supports import PrescribedMotion, held_components, motions_of
+from taichi_membrane.simulation.supports import PrescribedMotion, held_by_springs, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
@@ -174,15 +182,16 @@ def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) 
 
 
 def with_scene_groups(scene: Scene, mesh: Mesh) -> Mesh:
-    """The mesh with the loose points that cables use as nodes, and the groups that the scene chooses by coordinates.
+    """The mesh with the loose points that cables use as nodes, the groups that the scene chooses by coordinates, and, which no
+    coordinates choose, anchors, joints and the nodes that divide cables.
 
     :raises InputError: a condition that cannot be read or that nothing meets; a name that is taken.
     """
-    mesh = with_cable_nodes(scene, mesh)
+    mesh = with_line_nodes(scene, mesh)
     chosen: dict[str, dict[str, Ints]] = {"nodes": {}, "elements": {}}
     for name, group in scene.groups.items():
         chosen[group.kind][name] = meshes.select(mesh, group.where, kind=group.kind, key=f"groups.{name}.where")
-    return meshes.with_groups(mesh, chosen["nodes"], chosen["elements"])
+    return with_cable_nodes(scene, meshes.with_groups(mesh, chosen["nodes"], chosen["elements"]))
 
 
 def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction] | None = None) -> Model:
@@ -200,7 +209,8 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     held, frame = held_components(scene, mesh)
     motions = motions_of(scene, mesh, held, frame)
     cables = cables_of(scene, mesh)
-    left = meshes.rigid_motions_left(mesh, held, frame, None if cables is None else cables.nodes)
+    ties, springs = line_elements(scene, mesh)[0], springs_of(scene, mesh)
+    left = meshes.rigid_motions_left(mesh, *held_by_springs(held, frame, springs), ties if len(ties) else None)
     if left:
         raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
     structure = Structure(
@@ -214,6 +224,8 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         tri_ahead=tri_ahead,
         loads=bool(unit_forces),
         cables=cables,
+        ropes=ropes_of(scene, mesh),
+        springs=springs,
         planes=planes_of(scene, mesh),
         wind=surface.wind,
         snow=surface.plan_loads,
@@ -235,7 +247,8 @@ def _check_memory(scene: Scene, mesh: Mesh) -> None:
     steps = sum(stage.steps for stage in scene.stages)
     node_bytes = _NODE_BYTES + fields.step_bytes("node") * steps + 24 * len(scene.loads)
     tri_bytes = _TRIANGLE_BYTES + fields.step_bytes("element") * steps
-    short = bounds.shortage(mesh.node_count * node_bytes + mesh.tri_count * tri_bytes + _STEP_BYTES * steps)
+    of_cables = fields.step_bytes("cable") * steps * len(line_elements(scene, mesh)[0])
+    short = bounds.shortage(mesh.node_count * node_bytes + mesh.tri_count * tri_bytes + _STEP_BYTES * steps + of_cables)
     if short is not None:
         counts = (
             f"{steps} load steps of {mesh.node_count} nodes and {mesh.tri_count} elements with {len(scene.loads)} loads"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -22,12 +22,14 @@ class Present:
     :param displacement: (n, 3).
     :param reaction: (n, 3) support forces.
     :param elements: state of every triangle.
+    :param cable_force: force of every straight piece of a cable.
     """
 
     structure: Structure
     displacement: Floats
     reaction: Floats
     elements: ElementState
+    cable_force: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __getattr__(self, name: str) -> Any:
         """What the elements know of themselves, by name."""
@@ -37,7 +39,7 @@ class Present:
 
     def fields(self) -> dict[str, NDArray[Any]]:
         """The values of all fields, by name."""
-        return {field.name: field.of(self) for field in fields.FIELDS}
+        return {one.name: one.of(self) for one in fields.FIELDS}
 
     @property
     def major_stress(self) -> Floats:

@@ -16,6 +16,7 @@ from taichi_membrane.scene import Check, Scene
 from taichi_membrane.scene.base import Name
 from taichi_membrane.simulation.groups import group_nodes, group_triangles
 from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import CheckResult, FieldValues, StepResult
 
@@ -34,7 +35,7 @@ def validate(model: Model) -> None:
             group_triangles(mesh, probe.group, key)
         elif isinstance(probe, scenes.VolumeProbe):
             model.measured(probe)
-        elif not isinstance(probe, scenes.FactorProbe):
+        elif not isinstance(probe, scenes.FactorProbe | scenes.CableProbe):
             group_nodes(mesh, probe.group, key)
 
 
@@ -105,6 +106,8 @@ def evaluate(model: Model, fields: FieldValues, swept: Floats, state: LoadState)
         elif isinstance(probe, scenes.RadiusProbe):
             nodes = group_nodes(mesh, probe.group, key)
             values[name] = _mean_radius((mesh.points + displacement)[nodes], probe.axis)
+        elif isinstance(probe, scenes.CableProbe):
+            values[name] = _of_cable(probe, model, fields)
         else:
             values[name] = _over_elements(probe, fields, mesh.tri_areas(), group_triangles(mesh, probe.group, key))
     return values
@@ -145,6 +148,25 @@ def _over_elements(
     if probe.reduce == "mean":
         return float(np.average(stress, weights=weights))
     return float(stress.max() if probe.reduce == "max" else stress.min())
+
+
+def _of_cable(probe: scenes.CableProbe, model: Model, fields: FieldValues) -> float:
+    """Force, length or slack share of a cable."""
+    mesh = model.structure.mesh
+    nodes, owner = line_elements(model.scene, mesh)
+    own = np.flatnonzero(owner == list(model.scene.cables).index(probe.cable))
+    ends, force = nodes[own], fields["cable_force"][own]
+    at_rest, now = (
+        np.linalg.norm(at[ends[:, 1]] - at[ends[:, 0]], axis=1)
+        for at in (mesh.points, mesh.points + fields["displacement"])
+    )
+    if probe.what == "length":
+        return float(now.sum())
+    if probe.what == "slack":
+        return float(at_rest[force == 0.0].sum() / at_rest.sum())
+    if probe.reduce == "mean":
+        return float(np.average(force, weights=at_rest))
+    return float(force.max() if probe.reduce == "max" else force.min())
 
 
 def run_checks(scene: Scene, steps: Sequence[StepResult]) -> tuple[CheckResult, ...]:

@@ -82,7 +82,6 @@ class StepResult:
     :param trace: what the step went through, each passage at a share of the stage's course.
     :param unknown: why there is no value of ``stable``, ``derivatives``, ``modes`` or ``limit``, of those that have none.
     :param state: what it hands to the next step: the run goes on from it.
-    :param cable_forces: (cable_count,) force of each cable element, in the scene's order, tension positive.
     :param contact_forces: sum of the forces of each plane on the structure along its normal.
     """
 
@@ -108,7 +107,6 @@ class StepResult:
     seconds: float
     unknown: Mapping[str, str] = field(default_factory=dict)
     trace: Trace = ()
-    cable_forces: Floats = field(default_factory=lambda: np.zeros(0))
     contact_forces: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -146,8 +144,13 @@ class StepResult:
 
     @property
     def reaction(self) -> Floats:
-        """(n, 3) support forces, zero at free components."""
+        """(n, 3) support forces, those of springs to the ground among them; zero where neither is."""
         return self.fields["reaction"]
+
+    @property
+    def cable_forces(self) -> Floats:
+        """(cable_count,) force of each straight piece of a cable, tension positive: in the scene's order, those that slide last."""
+        return self.fields["cable_force"]
 
     @property
     def elements(self) -> ElementFields:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import spatial
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.mechanics.preparation import Floats, Ints, Springs
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Rotation, Scene, Translation
 from taichi_membrane.simulation.groups import group_nodes
@@ -37,6 +37,8 @@ def held_components(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats
     """Held components of each node, and the axes they refer to: None while all supports are along x, y, z."""
     held = np.zeros((mesh.node_count, 3), dtype=bool)
     normals: dict[int, list[Floats]] = {}
+    for name in scene.anchors:
+        held[group_nodes(mesh, name, f"anchors.{name}")] = True
     for number, support in enumerate(scene.supports, 1):
         nodes = group_nodes(mesh, support.group, f"supports[{number}].group")
         for component in support.hold or "":
@@ -50,12 +52,29 @@ def held_components(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats
     frame = np.tile(np.eye(3), (mesh.node_count, 1, 1))
     for node, directions in normals.items():
         along_axes = list(np.eye(3)[held[node]])
-        # Right singular vectors: first a basis of all held directions, then of what is left free.
-        _, values, rows = np.linalg.svd(np.array(directions + along_axes))
-        rank = int((values > 1e-9).sum())
-        frame[node] = rows
-        held[node] = np.arange(3) < rank
+        frame[node], held[node] = _spanned(np.array(directions + along_axes))
     return held, frame
+
+
+def held_by_springs(
+    held: NDArray[np.bool_], frame: Floats | None, springs: Springs | None
+) -> tuple[NDArray[np.bool_], Floats | None]:
+    """Held components and their axes as if springs to the ground were supports, which rigid motions are stopped by as well."""
+    if springs is None:
+        return held, frame
+    axes = np.tile(np.eye(3), (len(held), 1, 1)) if frame is None else frame.copy()
+    held = held.copy()
+    for node in np.unique(springs.nodes):
+        ways = [*axes[node][held[node]], *springs.direction[springs.nodes == node]]
+        axes[node], held[node] = _spanned(np.array(ways))
+    return held, axes
+
+
+def _spanned(directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Three axes, the first of which span given directions, and which of them do."""
+    # Right singular vectors: first a basis of all directions, then of what is left free.
+    _, values, rows = np.linalg.svd(directions)
+    return rows, np.arange(3) < int((values > 1e-9).sum())
 
 
 def motions_of(scene: Scene, mesh: Mesh, held: NDArray[np.bool_], frame: Floats | None) -> dict[str, PrescribedMotion]:

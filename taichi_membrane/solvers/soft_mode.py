@@ -37,8 +37,7 @@ def scaled(system: System, mode: Floats) -> Floats:
     structure, moves = system.structure, (mode**2).sum(axis=1)
     sides = system.geometry.side_length.mean(axis=1)
     share = moves[structure.mesh.triangles].sum(axis=1)
-    if structure.cables is not None:
-        sides = np.concatenate([sides, structure.cables.length])
-        share = np.concatenate([share, moves[structure.cables.nodes].sum(axis=1)])
+    nodes, lengths = structure.cable_sides
+    sides, share = np.concatenate([sides, lengths]), np.concatenate([share, moves[nodes].sum(axis=1)])
     length = float(share @ sides) / float(share.sum())
     return np.asarray(mode / np.abs(mode).max() * length)

@@ -1,0 +1,43 @@
+"""The vtu files of a run: triangles and, where there are cables, their straight pieces as lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.output.reader import file_checksum
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+def write_vtu(
+    path: Path, mesh: Mesh, lines: NDArray[Any], point_data: Arrays, tri_data: Arrays, line_data: Arrays
+) -> str:
+    """Write a vtu file and return its checksum; triangles have no value of cables, nor lines one of triangles: NaN, or -1.
+
+    :param lines: (k, 2) nodes of the lines; without any, nothing of them is written.
+    """
+    import meshio  # here, not above: it takes a quarter of a second that other commands do not need
+
+    blocks: list[tuple[str, NDArray[Any]]] = [("triangle", mesh.triangles)]
+    cells = {name: [array] for name, array in tri_data.items()}
+    if len(lines):
+        blocks.append(("line", lines))
+        for name, array in tri_data.items():
+            cells[name] = [array, line_data.get(name, _nothing(array, len(lines)))]
+        for name in line_data.keys() - tri_data.keys():
+            cells[name] = [_nothing(line_data[name], mesh.tri_count), line_data[name]]
+        cells = {name: cells[name] for name in sorted(cells)}
+    content = meshio.Mesh(mesh.points, blocks, point_data=dict(point_data), cell_data=cells)
+    content.write(path, file_format="vtu")
+    return file_checksum(path)
+
+
+def _nothing(like: NDArray[Any], count: int) -> NDArray[Any]:
+    """Values of what has none, of the shape and kind of those of others."""
+    return np.full((count, *like.shape[1:]), -1 if like.dtype.kind == "i" else np.nan, dtype=like.dtype)

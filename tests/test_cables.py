@@ -1,0 +1,440 @@
+"""Cables in a scene alone, those that slide, and springs: against closed forms, and against the forces' own differences."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+from run_files import same
+from test_members import catenary, hanging, rope
+
+import taichi_membrane as tm
+from taichi_membrane.errors import InputError
+from taichi_membrane.execution.observer import Observer
+from taichi_membrane.mechanics.preparation import FabricConstants, Ropes, Springs
+from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mechanics.system import System
+from taichi_membrane.mechanics.tangent import Tangent
+from taichi_membrane.mesh import Mesh
+from taichi_membrane.output.reader import read_run
+from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.model import build_mesh, build_model
+from taichi_membrane.solvers.relaxation import Relaxation
+
+pytestmark = pytest.mark.usefixtures("runtime_cpu")
+
+
+def scene(**changes: Any) -> Scene:
+    """Cables beside a panel that is held all over."""
+    return Scene.model_validate(
+        {
+            "name": "cables",
+            "units": {"length": "m", "force": "N"},
+            "mesh": {"shape": "panel", "width": 1.0, "height": 1.0, "along_x": 1, "along_y": 1},
+            "fabric": {"E": 1.0, "nu": 0.3, "thickness": 1.0, "mass_per_area": 1.0},
+            "pressures": {},
+            "supports": [{"group": "x_min", "hold": "xyz"}, {"group": "x_max", "hold": "xyz"}],
+            "stages": [{"name": "load", "loads": {"weight": 1.0}}],
+            "solver": {"kind": "newton", "tolerance": 1e-11},
+            "camera": {"size": [320, 240]},
+        }
+        | changes
+    )
+
+
+def pulley(ratio: float, EA: float, **changes: Any) -> Scene:
+    """A rope over level supports 1 apart, ``ratio`` long, with a pulley of weight 1 a third of the way along."""
+    return scene(
+        anchors={"left": [0.0, 5.0, 0.0], "right": [1.0, 5.0, 0.0]},
+        joints={"pulley": [0.3, 5.0, -0.2]},
+        cables={"rope": {"nodes": ["left", "pulley", "right"], "EA": EA, "length": ratio, "sliding": True}},
+        loads={"weight": {"group": "pulley", "direction": [0, 0, -1]}},
+        probes={
+            "force": {"kind": "cable", "cable": "rope"},
+            "length": {"kind": "cable", "cable": "rope", "what": "length"},
+            "slack": {"kind": "cable", "cable": "rope", "what": "slack"},
+            "sag": {"kind": "displacement", "group": "pulley", "component": "z"},
+            "side": {"kind": "displacement", "group": "pulley", "component": "x"},
+            "left": {"kind": "reaction", "group": "left", "component": "z"},
+        },
+        **changes,
+    )
+
+
+@pytest.mark.parametrize(
+    ("ratio", "force", "sag"), [(1.05, 1.639824, 0.160078), (1.2, 0.904534, 0.331662), (1.5, 0.670820, 0.559017)]
+)
+def test_a_frictionless_pulley_hangs_in_the_middle(ratio: float, force: float, sag: float) -> None:
+    """T = W/(2 sin a) with cos a = s/l and l = L (1 + T/EA), to round-off; twice the stiffer less the softer is inextensible."""
+    found = [tm.run(pulley(ratio, EA)).steps[-1].probes for EA in (1e5, 2e5)]
+    for values, EA in zip(found, (1e5, 2e5), strict=True):
+        length = ratio * (1.0 + values["force"] / EA)
+        assert values["length"] == pytest.approx(length, rel=1e-9)
+        assert values["force"] * np.sqrt(1.0 - 1.0 / length**2) == pytest.approx(0.5, rel=1e-9)
+        assert values["side"] == pytest.approx(0.2, abs=1e-9)
+        assert values["left"] == pytest.approx(0.5, rel=1e-9)
+        assert values["slack"] == 0.0
+    assert 2.0 * found[1]["force"] - found[0]["force"] == pytest.approx(force, rel=1e-6)
+    assert 0.2 - (2.0 * found[1]["sag"] - found[0]["sag"]) == pytest.approx(sag, abs=1e-6)
+
+
+def test_relaxation_finds_the_pulley_as_well() -> None:
+    """By the mass bound alone."""
+    solver = {"kind": "relaxation", "tolerance": 1e-9}
+    values = tm.run(pulley(1.2, 20.0, solver=solver)).steps[-1].probes
+    assert values["force"] == pytest.approx(25.0 / 30.0, rel=1e-7)  # l = 1.25: sin a = 3/5
+
+
+def test_a_counterweight_hangs_over_a_pulley() -> None:
+    """The rope's free end is held along the rope by the one force alone; the other part has it too, whatever its direction."""
+    result = tm.run(
+        scene(
+            anchors={"foot": [0.0, 5.0, 0.0], "wheel": [1.0, 5.0, 1.0]},
+            joints={"bucket": [2.0, 5.0, 0.0]},
+            cables={"rope": {"nodes": ["foot", "wheel", "bucket"], "EA": 50.0, "sliding": True}},
+            loads={"weight": {"group": "bucket", "direction": [0, 0, -2]}},
+            probes={
+                "force": {"kind": "cable", "cable": "rope"},
+                "foot": {"kind": "reaction", "group": "foot", "component": "x"},
+                "wheel": {"kind": "reaction", "group": "wheel", "component": "z"},
+                "down": {"kind": "displacement", "group": "bucket", "component": "z"},
+                "in": {"kind": "displacement", "group": "bucket", "component": "x"},
+            },
+        )
+    )
+    step = result.steps[-1]
+    assert step.converged, step.reason
+    assert step.stable
+    found, root = step.probes, np.sqrt(2.0)
+    assert found["force"] == pytest.approx(2.0, rel=1e-9)
+    assert found["foot"] == pytest.approx(-root, rel=1e-9)
+    assert found["wheel"] == pytest.approx(2.0 + root, rel=1e-9)
+    assert found["in"] == pytest.approx(-1.0, abs=1e-9)
+    assert 1.0 - 1.0 - found["down"] == pytest.approx(2 * root * (1 + 2 / 50) - root - 1.0, rel=1e-9)
+
+
+def alone(ropes: Ropes | None = None, springs: Springs | None = None) -> System:
+    """A soft strip of three triangles with what hangs on its nodes, in a random state."""
+    rng = np.random.default_rng(3)
+    mesh = Mesh.build(rng.normal(size=(5, 3)), [[0, 1, 2], [1, 3, 2], [3, 4, 2]])
+    structure = Structure(
+        mesh=mesh,
+        fabrics=(FabricConstants(e_warp=0.3, e_weft=0.3, poisson=0.3, shear=0.3 / 2.6, thickness=0.2, law="none"),),
+        tri_fabric=np.zeros(3, dtype=np.int32),
+        tri_warp=mesh.points[mesh.triangles[:, 1]] - mesh.points[mesh.triangles[:, 0]],
+        node_held=np.zeros((5, 3), dtype=bool),
+        tri_chamber=np.full(3, -1, dtype=np.int32),
+        loads=False,
+        ropes=ropes,
+        springs=springs,
+    )
+    system = System(structure)
+    system.set_displacement(rng.normal(size=(5, 3)) * 0.3)
+    return system
+
+
+def check_differences(system: System) -> None:
+    """Forces come from the energy, the tangent from the forces, and masses bound it."""
+    u, step = system.displacement(), 1e-6
+    matrix, balance = Tangent(system).matrix().toarray(), system.out_of_balance().ravel()
+    slope, differences = np.zeros(15), np.zeros((15, 15))
+    for k in range(15):
+        energies, balances = [], []
+        for sign in (1.0, -1.0):
+            system.set_displacement(u + sign * step * np.eye(15)[k].reshape(5, 3))
+            energies.append(system.potential_energy(np.zeros((5, 3)))[0])
+            balances.append(system.out_of_balance().ravel())
+        slope[k] = (energies[0] - energies[1]) / (2 * step)
+        differences[:, k] = (balances[1] - balances[0]) / (2 * step)
+    assert np.abs(slope + balance).max() < 1e-7 * np.abs(balance).max()
+    assert np.abs(differences - matrix).max() < 1e-7 * np.abs(matrix).max()
+    system.set_displacement(u)
+    four_masses = 4.0 * np.repeat(Relaxation(system).masses(), 3)
+    assert np.linalg.eigvalsh(np.diag(four_masses) - matrix).min() > 0.0
+
+
+@pytest.mark.parametrize("length", [0.8, 3.0], ids=["taut", "slack"])
+def test_forces_of_sliding_cables_come_from_their_energy_and_masses_bound_them(length: float) -> None:
+    """An open one, a closed one and one of a single piece; they pass along edges and across them, and share nodes."""
+    ropes = Ropes(
+        chain=np.array([0, 3, 1, 4, 2, 4, 0, 1, 3]),
+        start=np.array([0, 4, 7, 9]),
+        closed=np.array([False, True, False]),
+        length=length * np.array([6.0, 6.0, 2.0]),
+        stiffness=np.array([9.0, 4.0, 2.0]),
+        prestress=np.array([0.3, 0.0, -0.1]),
+    )
+    assert ropes.sides.tolist() == [[0, 3], [3, 1], [1, 4], [2, 4], [4, 0], [0, 2], [1, 3]]
+    system = alone(ropes)
+    forces = system.cable_forces()
+    assert forces.shape == (7,)
+    assert (forces[:6] > 0.0).all() == (length < 1.0)
+    assert np.ptp(forces[:3]) == 0.0
+    check_differences(system)
+
+
+def test_forces_of_springs_come_from_their_energy_and_masses_bound_them() -> None:
+    """Two at one node, and one each that bears tension and compression only, at work or not."""
+    rng = np.random.default_rng(1)
+    direction = rng.normal(size=(6, 3))
+    springs = Springs(
+        nodes=np.array([0, 0, 1, 2, 3, 4]),
+        stiffness=rng.uniform(1.0, 5.0, 6),
+        direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
+        kind=np.array([0, 0, 1, -1, 1, -1]),
+    )
+    system = alone(springs=springs)
+    check_differences(system)
+    assert system.springs is not None
+    u = system.displacement()
+    works = np.einsum("ij,ij->i", u[springs.nodes], springs.direction) * springs.kind
+    assert (works[2:] > 0.0).any()
+    assert (works[2:] < 0.0).any()
+    # What the host says of them is what the device sums.
+    whole, without = system.out_of_balance(), alone().out_of_balance()
+    assert whole - without == pytest.approx(system.springs.forces(u), abs=1e-12)
+
+
+def hung(parts: int, **changes: Any) -> Scene:
+    """An elastic cable 12 long, EA = 300, of weight 1 per length, between anchors 10 apart and 2 below each other."""
+    return scene(
+        anchors={"high": [0.0, 5.0, 0.0], "low": [10.0, 5.0, -2.0]},
+        cables={
+            "rope": {"nodes": ["high", "low"], "parts": parts, "length": 12.0, "EA": 300.0, "mass_per_length": 1.0}
+        },
+        loads={"weight": {"kind": "weight", "g": 1.0}},
+        probes={
+            "pull": {"kind": "cable", "cable": "rope"},
+            "least": {"kind": "cable", "cable": "rope", "reduce": "min"},
+            "mean": {"kind": "cable", "cable": "rope", "reduce": "mean"},
+            "slack": {"kind": "cable", "cable": "rope", "what": "slack"},
+            "length": {"kind": "cable", "cable": "rope", "what": "length"},
+            "across": {"kind": "reaction", "group": "high", "component": "x"},
+            "up": {"kind": "reaction", "group": "high", "component": "z"},
+        },
+        **changes,
+    )
+
+
+def test_a_scene_alone_says_an_elastic_catenary() -> None:
+    """Forces, present length and shape at second order; anchors bear all of the weight."""
+    h, v, place = catenary(12.0, 300.0, 1.0, (10.0, -2.0))
+    arc = np.linspace(0.0, 12.0, 20_001)
+    tension = np.hypot(h, v - 0.5 * (arc[1:] + arc[:-1]))
+    length = float(((1.0 + tension / 300.0) * np.diff(arc)).sum())
+    errors = []
+    for parts in (8, 16, 32):
+        result = tm.run(hung(parts))
+        step, mesh = result.steps[-1], result.mesh
+        assert step.converged, step.reason
+        ends = [mesh.node_groups["high"], mesh.node_groups["rope"], mesh.node_groups["low"]]
+        found = (mesh.points + step.displacement)[np.concatenate(ends)][:, [0, 2]]
+        exact = place(np.linspace(0.0, 12.0, parts + 1)).T
+        errors.append(
+            [np.abs(found - exact).max(), abs(-step.probes["across"] / h - 1), abs(step.probes["length"] / length - 1)]
+        )
+        assert step.probes["least"] <= step.probes["mean"] <= step.probes["pull"]
+        assert step.probes["slack"] == 0.0
+        assert step.reaction[[ends[0][0], ends[2][0]], 2].sum() == pytest.approx(12.0, rel=1e-9)
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert np.abs(orders - 2.0).max() < 0.1
+    assert max(errors[-1]) < 2e-3
+
+
+@pytest.mark.parametrize(("spokes", "share"), [(8, 1.306563), (12, 1.931852), (36, 5.736857)])
+def test_a_ring_bears_the_forces_of_its_spokes(spokes: int, share: float) -> None:
+    """N = F/(2 sin(π/n)), and the radius at which ring and spokes agree on it."""
+    angle = 2.0 * np.pi * np.arange(spokes) / spokes
+    places = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) + np.array([0.0, 9.0, 0.0])
+    joints = {f"rim{k}": tuple(place) for k, place in enumerate(places)}
+    outer = {f"peg{k}": tuple(2.0 * place - np.array([0.0, 9.0, 0.0])) for k, place in enumerate(places)}
+    result = tm.run(
+        scene(
+            anchors=outer,
+            joints=joints,
+            cables={
+                "ring": {"nodes": [*joints, "rim0"], "EA": 400.0, "kind": "bar"},
+                **{f"spoke{k}": {"nodes": [f"rim{k}", f"peg{k}"], "EA": 50.0, "prestress": 3.0} for k in range(spokes)},
+            },
+            loads={},
+            stages=[{"name": "load"}],
+            probes={
+                "ring": {"kind": "cable", "cable": "ring", "reduce": "min"},
+                "spoke": {"kind": "cable", "cable": "spoke1"},
+                "girth": {"kind": "cable", "cable": "ring", "what": "length"},
+            },
+        )
+    )
+    found = result.steps[-1].probes
+    assert result.converged, result.steps[-1].reason
+    assert found["ring"] / found["spoke"] == pytest.approx(share, abs=5e-7)
+    # 400 (ρ - 1) = (3 - 50 (ρ - 1))/(2 sin(π/n)), ρ the radius.
+    half = 1.0 / (2.0 * np.sin(np.pi / spokes))
+    growth = 3.0 * half / (400.0 + 50.0 * half)
+    assert found["girth"] == pytest.approx(2.0 * spokes * np.sin(np.pi / spokes) * (1.0 + growth), rel=1e-9)
+
+
+def test_a_prestressed_net_sags_as_the_discrete_membrane_does() -> None:
+    """Joints of a square net under H per cable and a small load P at each: H times the difference of slopes is P, exactly."""
+    count, pull, load = 5, 2.0, 1e-5
+    inner = {f"j{a}_{b}": (float(a), 9.0 + b, 0.0) for a in range(1, count + 1) for b in range(1, count + 1)}
+    ends = {}
+    cables: dict[str, Any] = {}
+    for k in range(1, count + 1):
+        ends |= {f"w{k}": (0.0, 9.0 + k, 0.0), f"e{k}": (count + 1.0, 9.0 + k, 0.0)}
+        ends |= {f"s{k}": (float(k), 9.0, 0.0), f"n{k}": (float(k), 10.0 + count, 0.0)}
+        row = [f"j{a}_{k}" for a in range(1, count + 1)]
+        column = [f"j{k}_{b}" for b in range(1, count + 1)]
+        cables[f"row{k}"] = {"nodes": [f"w{k}", *row, f"e{k}"], "EA": 1.0, "prestress": pull}
+        cables[f"column{k}"] = {"nodes": [f"s{k}", *column, f"n{k}"], "EA": 1.0, "prestress": pull}
+    result = tm.run(
+        scene(
+            anchors=ends, joints=inner, cables=cables,
+            loads={name: {"group": name, "direction": [0, 0, -1]} for name in inner},
+            stages=[{"name": "load", "loads": dict.fromkeys(inner, load)}],
+            probes={name: {"kind": "displacement", "group": name, "component": "z"} for name in inner},
+        )
+    )  # fmt: skip
+    assert result.converged, result.steps[-1].reason
+    assert result.steps[-1].stable
+    # Eigenvectors of the second difference with fixed ends are sines.
+    numbers = np.arange(1, count + 1)
+    sine = np.sin(np.pi * np.outer(numbers, numbers) / (count + 1)) * np.sqrt(2.0 / (count + 1))
+    value = 2.0 - 2.0 * np.cos(np.pi * numbers / (count + 1))
+    sag = sine @ ((sine @ np.full((count, count), load / pull) @ sine) / (value[:, None] + value[None, :])) @ sine
+    for name in inner:
+        a, b = map(int, name[1:].split("_"))
+        assert result.steps[-1].probes[name] == pytest.approx(-sag[a - 1, b - 1], rel=1e-7)
+
+
+def test_springs_to_the_ground_share_a_load_with_their_reactions() -> None:
+    """A rigid-like hanging node on springs: displacement k⁻¹ F, reactions -F; what bears compression only lets go."""
+    base: dict[str, Any] = {
+        "joints": {"pile": [0.0, 5.0, 0.0], "lid": [1.0, 5.0, 0.0]},
+        "cables": {"beam": {"nodes": ["pile", "lid"], "EA": 1e3, "kind": "bar"}},
+        "springs": {
+            "soil": {"group": "pile", "stiffness": [4.0, 5.0, 8.0]},
+            "pad": {"group": "lid", "stiffness": 2.0, "direction": [0, 0, 3], "kind": "compression"},
+            "side": {"group": "lid", "stiffness": [0.0, 1.0, 0.0]},
+        },
+        "probes": {
+            "pile": {"kind": "displacement", "group": "pile", "component": "z"},
+            "lid": {"kind": "displacement", "group": "lid", "component": "z"},
+            "ground": {"kind": "reaction", "group": "pile", "component": "z"},
+            "pad": {"kind": "reaction", "group": "lid", "component": "z"},
+        },
+    }
+    down = {"loads": {"weight": {"group": "lid", "direction": [0, 0, -1e-3]}}}
+    values = tm.run(scene(**base, **down)).steps[-1]
+    assert values.converged, values.reason
+    assert values.stable
+    # All of it goes to the pad, but for the turn of the beam, (1e-3/2)² of its length.
+    assert values.probes["lid"] == pytest.approx(-1e-3 / 2.0, rel=1e-5)
+    assert values.probes["pad"] == pytest.approx(1e-3, rel=1e-5)
+    assert values.probes["ground"] + values.probes["pad"] == pytest.approx(1e-3, rel=1e-9)
+    push = {"loads": {"weight": {"group": "pile", "direction": [0, 0, -1.6]}}}
+    held = tm.run(scene(**base | {"cables": {"beam": base["cables"]["beam"] | {"EA": 1e-3}}}, **push)).steps[-1]
+    assert held.probes["ground"] == pytest.approx(1.6, rel=1e-3)
+    assert held.probes["pile"] == pytest.approx(-0.2, rel=1e-3)
+
+
+def guyed(**changes: Any) -> Scene:
+    """A panel pulled at a corner by a guy to a peg, divided, and by a rope that slides over another corner."""
+    return scene(
+        supports=[{"group": "x_min", "hold": "xyz"}],
+        anchors={"peg": [3.0, 0.0, -1.0]},
+        cables={
+            "rope": {"nodes": ["corner_11", "corner_10", "peg"], "EA": 5.0, "prestress": 0.4, "sliding": True},
+            "guy": {"nodes": ["corner_11", "peg"], "parts": 3, "EA": 8.0, "prestress": 0.5, "mass_per_length": 0.02},
+        },
+        loads={"weight": {"kind": "weight", "g": 0.01}},
+        fabric={"E": 100.0, "nu": 0.3, "thickness": 0.1, "mass_per_area": 1.0, "law": "none"},
+        stages=[{"name": "load", "steps": 2, "loads": {"weight": 1.0}}],
+        **changes,
+    )  # fmt: skip
+
+
+def test_files_hold_cables_as_lines_with_their_forces_and_a_stopped_run_goes_on(tmp_path: Path) -> None:
+    """Lines of the vtu files in the scene's order, those that slide last; read back to the last bit, and resumed so."""
+    result = tm.run(guyed(), out=tmp_path / "whole", render=False)
+    assert result.converged, result.steps[-1].reason
+    step = result.steps[-1]
+    assert step.cable_forces.shape == (5,)
+    assert step.cable_forces[3] == step.cable_forces[4]
+    content = meshio.read(tmp_path / "whole/step_0001.vtu")
+    assert [block.type for block in content.cells] == ["triangle", "line"]
+    force, owner = content.cell_data["cable_force"], content.cell_data["cable"]
+    assert np.isnan(force[0]).all()
+    assert np.array_equal(force[1], step.cable_forces)
+    assert owner[1].tolist() == [1, 1, 1, 0, 0]
+    assert (owner[0] == -1).all()
+    saved = read_run(tmp_path / "whole")
+    assert all(same(one, other) for one, other in zip(saved.steps, result.steps, strict=True))
+    assert saved.mesh.node_groups.keys() == result.mesh.node_groups.keys()
+    stop_after_first(tmp_path / "part")
+    resumed = tm.resume(tmp_path / "part", render=False)
+    assert np.array_equal(resumed.steps[-1].displacement, step.displacement)
+    assert np.array_equal(resumed.steps[-1].cable_forces, step.cable_forces)
+
+
+def test_a_run_with_lines_of_its_mesh_is_read_back(tmp_path: Path) -> None:
+    """Lines, and the nodes that only they use, come from the run's own files."""
+    result = tm.run(rope(4), mesh=hanging(4), out=tmp_path, render=False)
+    saved = read_run(tmp_path)
+    assert np.array_equal(saved.mesh.points, result.mesh.points)
+    assert np.array_equal(saved.mesh.node_groups["rope"], result.mesh.node_groups["rope"])
+    model = build_model(saved.scene, saved.mesh)
+    assert model.structure.cables is not None
+    assert np.array_equal(model.structure.cables.nodes, [[4, 5], [5, 6], [6, 7], [7, 8]])
+    assert same(saved.steps[0], result.steps[0])
+
+
+def stop_after_first(directory: Path) -> None:
+    """A run that ends with its first load step, as by an interrupt."""
+
+    class Stop(Observer):
+        def step_done(self, step: Any) -> None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tm.run(guyed(), out=directory, render=False, observer=Stop())
+
+
+BAD: list[tuple[dict[str, Any], str]] = [
+    ({"cables": {"c": {"nodes": ["a", "b"], "EA": 1, "length": 2, "unstressed": 1}}}, "give one of unstressed .* and length"),
+    ({"cables": {"c": {"along": "x_min", "EA": 1, "parts": 3}}}, "parts = 3 needs nodes"),
+    ({"cables": {"c": {"along": "x_min", "EA": 1, "sliding": True}}}, "sliding = true needs nodes, three at least"),
+    ({"cables": {"c": {"nodes": ["a", "b"], "EA": 1, "sliding": True}}}, "sliding = true needs nodes, three at least"),
+    ({"cables": {"c": {"nodes": ["a", "b", "d"], "EA": 1, "sliding": True, "kind": "bar"}}}, "a bar does not run over"),
+    ({"cables": {"c": {"nodes": ["a", "b", "d"], "EA": 1, "sliding": True, "parts": 2}}}, "nothing would hold the nodes"),
+    ({"cables": {"c": {"nodes": ["a", "b", "a", "d"], "EA": 1, "sliding": True}}}, "it passes 'a' twice"),
+    ({"cables": {"c": {"nodes": ["a", "b", "a"], "EA": 1, "sliding": True}}}, "it passes 'a' twice"),
+    ({"anchors": {"peg": [0, 0, 5]}}, r"anchors\.peg: no cable has it among its nodes"),
+    (
+        {"anchors": {"p": [0, 0, 5]}, "joints": {"p": [0, 0, 6]}, "cables": {"c": {"nodes": ["p", "corner_11"], "EA": 1}}},
+        r"joints\.p: anchors\.p has the name already",
+    ),
+    ({"anchors": {"x_max": [0, 0, 5]}, "cables": {"c": {"nodes": ["x_max", "corner_11"], "EA": 1}}}, "of that name, with 2 me"),
+    ({"cables": {"x_max": {"nodes": ["corner_00", "corner_11"], "EA": 1, "parts": 2}}}, r"cables\.x_max\.parts: "),
+    ({"cables": {"c": {"nodes": ["corner_00", "corner_11", "peg"], "EA": 1}}}, r"cables\.c\.nodes: no node group 'peg'"),
+    ({"anchors": {"p": [1, 1, 0]}, "cables": {"c": {"nodes": ["p", "corner_11"], "EA": 1}}}, "nodes 4 and 3 lie at one place"),
+    ({"probes": {"f": {"kind": "cable", "cable": "guy"}}}, r"probes\.f\.cable"),
+    ({"springs": {"s": {"group": "x_max", "stiffness": 2.0}}}, "three numbers, or as one number with a direction"),
+    ({"springs": {"s": {"group": "x_max", "stiffness": [0, 0, 0]}}}, r"stiffness = \[0, 0, 0\] is no spring"),
+    ({"springs": {"s": {"group": "x_max", "stiffness": [1, 0, 0], "kind": "tension"}}}, "kind = 'tension' needs a direction"),
+    ({"springs": {"s": {"group": "rim", "stiffness": [1, 0, 0]}}}, r"springs\.s\.group: no node group 'rim'"),
+    ({"joints": {"a": [0, 0, 3], "b": [0, 0, 4]}, "cables": {"c": {"nodes": ["a", "b"], "EA": 1}}}, "to move: translation along x"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "told"), BAD)
+def test_mistakes_are_told(changes: dict[str, Any], told: str) -> None:
+    def read() -> None:
+        one = scene(loads={}, stages=[{"name": "load"}], **changes)
+        build_model(one, build_mesh(one))
+
+    with pytest.raises((InputError, ValueError), match=told):
+        read()
