@@ -140,7 +140,7 @@ FIELDS: tuple[Field, ...] = (
         name="strain", place="element", meaning="strain in fabric axes, shear the engineering one",
         components=_FABRIC_AXES, split=True,
     ),
-    Field(name="cable_force", place="cable", meaning="cable force, tension positive", unit="force"),
+    Field(name="cable_force", place="cable", meaning="force of cables", unit="force"),
 )  # fmt: skip
 
 

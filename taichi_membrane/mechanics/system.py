@@ -170,7 +170,8 @@ class System(Nodes):
 
     def cable_forces(self) -> Floats:
         """(n,) force of each straight piece of a cable, in the order of :attr:`.Structure.cable_sides`, tension positive."""
-        return np.concatenate([np.zeros(0), *(one.forces() for one in (self.cables, self.ropes) if one is not None)])
+        forces = [one.forces() for one in (self.cables, self.ropes) if one is not None]
+        return np.concatenate([np.zeros(0), *forces]) + 0.0  # no negative zeros
 
     def scale_thickness(self, fabric_number: int, factor: float) -> None:
         """Give one fabric so many times its thickness; 1 restores it."""

@@ -29,6 +29,7 @@ from taichi_membrane.pictures.camera import CORNER_BOXES, PAGE_MARGIN, Camera, f
 DPI = 100
 INK, GREY = "#16181d", "#5a5f69"
 LOAD, SUPPORT, OUTLINE = "#c2185b", "#00695c", "#4a4f58"
+SLACK_CABLE = (0.45, 0.45, 0.45)
 AXIS_COLOURS = ("#c0392b", "#1e8449", "#1f5fb0")
 TITLE, TEXT, SMALL = 29.0, 21.0, 18.0  # pixels
 
@@ -120,9 +121,9 @@ class Page:
             self.text(left + 50 * self.unit, y, f"{name}  ({percent} %)", va="center")
         return y + 34.0 * self.unit
 
-    def colour_bar(self, bar: ColourBar) -> float:
-        """Horizontal colour bar with label and ticks; returns the y of the next row."""
-        left, y = self._legend_left(), 52.0 * self.unit
+    def colour_bar(self, bar: ColourBar, y: float | None = None) -> float:
+        """Horizontal colour bar with label and ticks, in the corner or from a row's y on; returns the y of the next row."""
+        left, y = self._legend_left(), 52.0 * self.unit if y is None else y
         width, height = self.width - PAGE_MARGIN * self.unit - left, 22.0 * self.unit
         top = y + 22.0 * self.unit
         self.axes.imshow(
@@ -210,7 +211,12 @@ class Page:
         )  # fmt: skip
 
     def lines(
-        self, lines: Sequence[NDArray[np.float64]], *, colours: Sequence[str] | str, width: float, **style: object
+        self,
+        lines: Sequence[NDArray[np.float64]],
+        *,
+        colours: Sequence[str] | str | NDArray[np.float64],
+        width: float,
+        **style: object,
     ) -> None:
         """Polylines (k, 2) in pixels; ``width`` in pixels at 1600 x 1000."""
         self.axes.add_collection(

@@ -15,6 +15,7 @@ from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_cur
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve
 from taichi_membrane.simulation.load_marks import load_marks
+from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 
@@ -40,6 +41,7 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
         show_directions=camera.directions,
         show_axes=True,
         scalar_range=_scalar_range(steps, camera),
+        cable_range=_cable_range(steps),
     )
     pictures = []
     for step in steps:
@@ -72,9 +74,16 @@ def _scalar_range(steps: tuple[StepResult, ...], camera: Camera) -> tuple[float,
     return (float(low), float(high)) if high > low else (float(low), float(low) + (abs(float(low)) or 1.0))
 
 
+def _cable_range(steps: tuple[StepResult, ...]) -> tuple[float, float] | None:
+    """Least and largest force of a cable in the whole run, slack ones left out; None where there is none."""
+    forces = np.concatenate([step.cable_forces for step in steps])
+    taut = forces[forces != 0.0]
+    return (float(taut.min()), float(taut.max())) if taut.size else None
+
+
 def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
     scene, mesh = result.scene, result.mesh
-    held = [mesh.node_groups[support.group] for support in scene.supports]
+    held = [mesh.node_groups[name] for name in (*(support.group for support in scene.supports), *scene.anchors)]
     points = mesh.points + step.displacement
     return Frame(
         points=points,
@@ -86,6 +95,9 @@ def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
         wrinkle_direction=step.elements.major_direction,
         scalar=_scalar(step, camera),
         scalar_label=fields.named(camera.field).label(scene.units),
+        cables=np.asarray(line_elements(scene, mesh)[0], dtype=np.int32),
+        cable_force=step.cable_forces,
+        cable_label=fields.named("cable_force").label(scene.units),
         title=scene.title or scene.name,
         subtitle=step_words(scene, step),
         length_unit=scene.units.length,

@@ -19,9 +19,10 @@ from taichi_membrane.names import SLACK, TAUT, WRINKLED
 from taichi_membrane.output.atomic import replacing
 from taichi_membrane.pictures import raster
 from taichi_membrane.pictures.animation import write_animation
+from taichi_membrane.pictures.cables import cable_bar, draw_cables
 from taichi_membrane.pictures.camera import VIEWER_DISTANCE, Camera, Projection, fit_camera, furniture_scale
 from taichi_membrane.pictures.colours import PALETTE, RAMP
-from taichi_membrane.pictures.furniture import INK, OUTLINE, SUPPORT, ColourBar, Page
+from taichi_membrane.pictures.furniture import INK, OUTLINE, SLACK_CABLE, SUPPORT, ColourBar, Page
 from taichi_membrane.pictures.symbols import draw_loads, draw_supports
 from taichi_membrane.pictures.wrinkle_lines import wrinkle_lines
 
@@ -29,6 +30,7 @@ __all__ = ["Camera", "Frame", "Look", "draw_frame", "fit_camera", "write_animati
 
 Floats = NDArray[np.float64]
 
+_ON_SURFACE = 0.02  # bounding radii by which what lies on the surface may seem to lie in it
 RIM_CORRECTIONS = 4  # each cuts the error at a rim to less than half; 4 leave a tenth of a cell
 DARKEST = {"state": 0.52, "scalar": 0.80}  # brightness of what is turned from the light; less, where colour is a number
 
@@ -41,6 +43,7 @@ class Frame:
     1 wrinkled, 2 slack; the legend's percentages are shares of the undeformed area. ``taut_margin``, ``slack_margin`` (m,):
     negative where not taut, where slack; continuous across the border. ``wrinkle_direction`` (m, 3): along the wrinkles,
     deformed configuration; not used where slack. ``scalar``: (m,) per triangle (averaged to the nodes) or (n,) per node.
+    ``cables`` (k, 2): nodes of their straight pieces; ``cable_force`` (k,) zero where slack.
     ``arrows``: origin (3,), direction (3,), label of each load. ``supports`` (k,): supported nodes.
     """
 
@@ -53,6 +56,9 @@ class Frame:
     wrinkle_direction: Floats
     scalar: Floats | None = None
     scalar_label: str = ""
+    cables: NDArray[np.int32] | tuple[int, ...] = ()
+    cable_force: Floats | tuple[float, ...] = ()
+    cable_label: str = ""
     title: str = ""
     subtitle: str = ""
     length_unit: str = "m"
@@ -64,7 +70,7 @@ class Frame:
 class Look:
     """How a run is shown: ``azimuth``, ``elevation`` in degrees (see ``camera``), ``size`` in pixels.
 
-    ``scalar_range`` fixes the colour range for all frames of a run; None takes the range of the frame.
+    ``scalar_range`` and ``cable_range`` fix the colour ranges for all frames of a run; None takes those of the frame.
     """
 
     field: Literal["state", "scalar"] = "state"
@@ -78,6 +84,7 @@ class Look:
     show_directions: bool = True
     show_axes: bool = True
     scalar_range: tuple[float, float] | None = None
+    cable_range: tuple[float, float] | None = None
 
 
 def draw_frame(frame: Frame, *, look: Look, camera: Camera, path: Path) -> None:
@@ -99,11 +106,15 @@ def draw_frame(frame: Frame, *, look: Look, camera: Camera, path: Path) -> None:
     page = Page(pixels.colour, camera)
     page.title(frame.title, frame.subtitle)
     below = page.state_legend(shares, PALETTE) if bar is None else page.colour_bar(bar)
+    forces = (
+        cable_bar(np.asarray(frame.cable_force), frame.cable_label, look.cable_range) if len(frame.cables) else None
+    )
+    below = below if forces is None else page.colour_bar(forces, below)
     page.line_legend(below, _legend_rows(page, frame, look, shares))
     page.scale_bar(frame.length_unit)
     if look.show_axes:
         page.axis_triad()
-    _draw_over_surface(page, frame, look, pixels, scale, screen, outline)
+    _draw_over_surface(page, frame, look, pixels, scale, screen, outline, forces)
     _write_png(page.pixels(), path)
 
 
@@ -153,6 +164,10 @@ def _check(frame: Frame, look: Look) -> None:
     if not np.isin(frame.state, (TAUT, WRINKLED, SLACK)).all():
         bad = np.flatnonzero(~np.isin(frame.state, (TAUT, WRINKLED, SLACK)))[0]
         raise ValueError(f"state of element {bad} is {frame.state[bad]}; allowed are 0 taut, 1 wrinkled, 2 slack")
+    cables = np.asarray(frame.cables, dtype=np.int64)
+    if cables.size and not (cables.min() >= 0 and cables.max() < n):
+        raise ValueError(f"cables name nodes {cables.min()} to {cables.max()}, but there are {n} points")
+    _check_array("cable_force", np.asarray(frame.cable_force), (len(cables),), "cable")
     supports = np.asarray(frame.supports, dtype=np.int64)
     if supports.size and not (supports.min() >= 0 and supports.max() < n):
         raise ValueError(f"supports name nodes {supports.min()} to {supports.max()}, but there are {n} points")
@@ -288,6 +303,7 @@ def _outline(frame: Frame, camera: Camera, target: raster.Raster) -> list[Floats
 
 def _draw_over_surface(
     page: Page, frame: Frame, look: Look, pixels: raster.Pixels, scale: _DepthScale, screen: Floats, outline: list[Floats],
+    forces: ColourBar | None,
 ) -> None:  # fmt: skip
     if outline:
         page.dashed(outline, colour=OUTLINE)
@@ -300,9 +316,13 @@ def _draw_over_surface(
         )  # fmt: skip
         dark = [_brightness(pixels.colour, line) < 85.0 for line in lines]
         page.lines(lines, colours=["white" if d else INK for d in dark], width=1.8, capstyle="butt")
+    if len(frame.cables):
+        ends = np.asarray(frame.cables, dtype=np.int64)
+        places = np.dstack([screen[ends][..., :2], scale.nearness(screen[ends][..., 2])])
+        draw_cables(page, places, np.asarray(frame.cable_force), forces, pixels.nearness, _ON_SURFACE / scale.radii)
     if look.show_supports and len(frame.supports):
         nodes = screen[np.asarray(frame.supports, dtype=np.int64)]
-        nearness = scale.nearness(nodes[:, 2]) + 0.02 / scale.radii  # the mark stands on the surface, not in it
+        nearness = scale.nearness(nodes[:, 2]) + _ON_SURFACE / scale.radii  # the mark stands on the surface, not in it
         draw_supports(page, nodes[:, :2], nearness, pixels.nearness)
     if look.show_loads:
         draw_loads(page, frame.arrows, pixels.nearness >= 0)
@@ -322,6 +342,8 @@ def _legend_rows(
         rows.append(("wrinkle direction", {"color": INK, "lw": page.points(1.8)}))
         if look.field == "scalar":
             rows.append(("border of the wrinkled zone", {"color": INK, "lw": page.points(1.8), "alpha": 0.55}))
+    if len(frame.cables) and not np.all(frame.cable_force):
+        rows.append(("slack cable", {"color": SLACK_CABLE, "lw": page.points(3.6), "dashes": (2.0, 1.6)}))
     if look.show_outline:
         rows.append(("undeformed outline", {"color": OUTLINE, "lw": page.points(1.8), "dashes": (5.0, 3.0)}))
     if look.show_supports and len(frame.supports):

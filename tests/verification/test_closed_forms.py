@@ -105,6 +105,14 @@ def test_catenoid_is_the_stable_one(ratio: float, neck: float) -> None:
     assert closed_forms.catenoid_neck(ratio) == pytest.approx(neck, abs=6e-9)
 
 
+@pytest.mark.parametrize(
+    ("length", "stiffness", "force", "sag"),
+    [(10.25, 2e4, 12.472681, 0.989632), (10.0, 100.0, 6.997640, 1.727765), (9.99, 2e4, 51.412947, 0.242939)],
+)
+def test_elastic_catenary_is_that_of_the_table(length: float, stiffness: float, force: float, sag: float) -> None:
+    assert closed_forms.elastic_catenary(10.0, length, stiffness, 10.0) == pytest.approx((force, sag), abs=PRINTED)
+
+
 def test_areas_of_minimal_surfaces() -> None:
     # Scherk: graph finite elements, extrapolated; Schwarz' D surface: 1.918893 in a cell of unit side, 2/3 of it times 2².
     assert closed_forms.scherk_area(1.0) == pytest.approx(5.69751221, rel=2e-9)

@@ -144,3 +144,17 @@ def tetrahedral_film_area() -> float:
     4 K(√3/2)/K(1/2), with complete elliptic integrals of the first kind and their modulus (Schwarz 1890).
     """
     return float(4.0 * special.ellipk(0.75) / special.ellipk(0.25))
+
+
+def elastic_catenary(span: float, length: float, stiffness: float, weight: float) -> tuple[float, float]:
+    """Horizontal force H and sag of a cable of unstressed ``length`` and whole ``weight`` between level ends (Irvine 1981).
+
+    span = H L/EA + 2 H L/W asinh(W/2H); sag = W L/8EA + H L/W (√(1 + (W/2H)²) - 1).
+    """
+
+    def miss(force: float) -> float:
+        return force * length * (1.0 / stiffness + 2.0 / weight * math.asinh(0.5 * weight / force)) - span
+
+    force = float(optimize.brentq(miss, 1e-6 * weight, 1e6 * weight, xtol=1e-14 * weight, rtol=1e-14))
+    slope = math.hypot(1.0, 0.5 * weight / force) - 1.0
+    return force, weight * length / (8.0 * stiffness) + force * length / weight * slope
