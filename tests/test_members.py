@@ -211,16 +211,19 @@ def test_a_plane_is_met_in_single_precision(tmp_path: Path) -> None:
 
 def test_without_cables_and_planes_there_is_no_field_of_theirs() -> None:
     """And ``check`` lists them as left out; with them, as compiled in."""
-    names = ("cables", "contact with planes")
+    names = ("cables", "sliding cables", "springs to the ground", "contact with planes")
     plain = build_model(strip(planes={}), build_mesh(strip(planes={}))).structure
     fields = {name for name, _ in System(plain).fields()}
-    assert not fields & {"cable_node", "cable_constants", "plane_normal", "node_contact"}
+    assert not any(name.startswith(("cable_", "rope_", "spring_", "plane_", "node_contact")) for name in fields)
     assert set(names) <= set(plain.features().describe()[1])
     lines = {
         "edge": {"along": "x_max", "EA": 5.0},
         "tie": {"nodes": ["corner_00", "corner_11"], "EA": 5.0, "kind": "bar"},
+        "rope": {"nodes": ["corner_00", "corner_10", "corner_11"], "EA": 5.0, "sliding": True},
     }
-    both = build_model(strip(cables=lines), build_mesh(strip())).structure
+    springs = {"pad": {"group": "x_max", "stiffness": [1.0, 0.0, 0.0]}}
+    both = build_model(strip(cables=lines, springs=springs), build_mesh(strip())).structure
+    assert any(name.startswith("rope_") for name, _ in System(both).fields())
     assert set(names) <= set(both.features().describe()[0])
     assert both.cables is not None
     assert len(both.cables.nodes) == 3

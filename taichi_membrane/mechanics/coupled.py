@@ -1,6 +1,6 @@
 """Terms of the tangent that couple many nodes at once: κ b bᵀ, dense but of rank one, added to the sparse factor.
 
-Shut chambers (:mod:`gas`) have one each, b = ∂V/∂x, and sliding cables (:mod:`ropes`), b = ∂l/∂x.
+Shut chambers (:mod:`gas`) have one each, b = ∂V/∂x.
 """
 
 from __future__ import annotations
