@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from run_files import same
 from test_members import catenary, hanging, rope
+from test_page import content, decode, page
 
 import taichi_membrane as tm
 from taichi_membrane.errors import InputError
@@ -21,6 +22,7 @@ from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.model import build_mesh, build_model
 from taichi_membrane.solvers.relaxation import Relaxation
 
@@ -438,3 +440,17 @@ def test_mistakes_are_told(changes: dict[str, Any], told: str) -> None:
 
     with pytest.raises((InputError, ValueError), match=told):
         read()
+
+
+def test_the_page_holds_pieces_and_forces_of_cables(tmp_path: Path) -> None:
+    """Nodes of each piece, the range of forces that are not zero, and anchors among supports and support forces."""
+    result = tm.run(guyed(), out=tmp_path, render=False)
+    head, block = content(result)
+    nodes = decode(block, head["cables"]["nodes"]).reshape(-1, 2)
+    assert np.array_equal(nodes, line_elements(result.scene, result.mesh)[0])
+    forces = np.concatenate([step.cable_forces for step in result.steps])
+    assert (head["cables"]["low"], head["cables"]["high"]) == (forces[forces > 0].min(), forces.max())
+    for stored, step in zip(head["steps"], result.steps, strict=True):
+        assert np.allclose(decode(block, stored["cable_force"]), step.cable_forces, rtol=1e-6)
+    assert result.mesh.node_groups["peg"][0] in decode(block, head["supports"])
+    assert "anchor: held in xyz" in page(result)

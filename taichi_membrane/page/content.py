@@ -15,10 +15,11 @@ from taichi_membrane.output.tables import step_words
 from taichi_membrane.page import geometry
 from taichi_membrane.page.fields import DISPLACEMENT, ELEMENT_FIELDS, REACTION, unit
 from taichi_membrane.page.pack import FULL_SCALE, Entry, Pack, finite_range
-from taichi_membrane.pictures.colours import PALETTE, RAMP
+from taichi_membrane.pictures.colours import CABLE_RAMP, PALETTE, RAMP
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_label
 from taichi_membrane.simulation.load_marks import load_marks
+from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.results import Floats, RunResult, StepResult
 
 # How far marks keep apart, in radii of all that is shown: near enough to tell the field, far enough to be told from each other.
@@ -56,6 +57,7 @@ def head_and_block(result: RunResult) -> tuple[dict[str, Any], str]:
             {"name": v.name, "title": v.title, "unit": unit(scene.units, v.unit), "note": "", "nodes": nodes}
             for v, nodes in ((DISPLACEMENT, None), (REACTION, pack.add(held, "u32")))
         ],
+        "cables": _cables(pack, result),
         "steps": [_step(pack, scene, mesh, step, ranges, held, means) for step in steps],
         **_marks(pack, result, radius),
         "node_groups": _groups(pack, mesh.node_groups),
@@ -85,6 +87,7 @@ def _step(
         "converged": step.converged,
         "shares": (area / area.sum()).tolist(),
         "state": pack.add(elements.state, "u8"),
+        "cable_force": pack.add(step.cable_forces, "f32"),
         "direction": pack.add(geometry.direction_codes(mesh, step), "u8"),
         "taut_margin": _margin(pack, means @ elements.taut_margin),
         "slack_margin": _margin(pack, means @ elements.slack_margin),
@@ -94,6 +97,20 @@ def _step(
             DISPLACEMENT.name: pack.add_vectors(step.displacement),
             REACTION.name: pack.add_vectors(step.reaction[held]),
         },
+    }
+
+
+def _cables(pack: Pack, result: RunResult) -> dict[str, Any]:
+    """Nodes of the straight pieces of cables, and the range of the forces of those that are not slack; null where there is none."""
+    nodes = line_elements(result.scene, result.mesh)[0]
+    forces = np.concatenate([np.zeros(0), *(step.cable_forces for step in result.steps)])
+    taut = forces[np.isfinite(forces) & (forces != 0.0)]
+    return {
+        "count": len(nodes),
+        "nodes": pack.add(nodes, "u32"),
+        "low": float(taut.min()) if taut.size else None,
+        "high": float(taut.max()) if taut.size else None,
+        "ramp": np.rint(255 * CABLE_RAMP).astype(int).tolist() if len(nodes) else [],
     }
 
 
@@ -113,7 +130,8 @@ def _marks(pack: Pack, result: RunResult, radius: float) -> dict[str, Any]:
     """Elements that may carry a wrinkle line, supported nodes, and loads with the nodes that carry an arrow."""
     scene, mesh, steps = result.scene, result.mesh, result.steps
     middles = mesh.points[mesh.triangles].mean(axis=1)
-    holding = [mesh.node_groups[one.group] for one in [*scene.supports, *scene.motions.values()]]
+    named = [*(one.group for one in [*scene.supports, *scene.motions.values()]), *scene.anchors]
+    holding = [mesh.node_groups[name] for name in named]
     supported = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *holding]))
     loads = []
     for name in scene.loads:

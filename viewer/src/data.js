@@ -8,6 +8,7 @@ export async function load(head, text) {
   const array = (entry) => unpack(bytes, entry);
   const steps = head.steps.map((step) => ({
     state: array(step.state),
+    cableForce: array(step.cable_force),
     direction: array(step.direction),
     tautMargin: array(step.taut_margin),
     slackMargin: array(step.slack_margin),
@@ -19,6 +20,7 @@ export async function load(head, text) {
   return new Run(head, steps, {
     rest,
     triangles: array(head.triangles),
+    cables: array(head.cables.nodes),
     supports: array(head.supports),
     marked: array(head.wrinkle_marks.elements),
     loads: head.loads.map((load) => array(load.nodes)),

@@ -2,6 +2,7 @@
 import { Vector3 } from "three";
 import { byId, html, svg } from "./svg.js";
 import { show } from "./quantity.js";
+import { cableLegend } from "./cables.js";
 
 const AXES = [["x", "#b3261e"], ["y", "#1e7a34"], ["z", "#1f4fb0"]];
 
@@ -52,6 +53,7 @@ export function drawLegend(head, choice, range, step, found, pick) {
       legend.append(row);
     });
     legend.append(html("span", "of the area; lines: along the wrinkles", "entry quiet"));
+    cableLegend(legend, head);
     return;
   }
   const bar = html("span", "", "bar");
@@ -71,4 +73,5 @@ export function drawLegend(head, choice, range, step, found, pick) {
     }
   }
   if (choice.note) legend.append(html("span", choice.note, "entry quiet"));
+  cableLegend(legend, head);
 }

@@ -1,5 +1,6 @@
-// What is drawn beside the membrane: supports, loads, wrinkle directions, the picked element and node.
+// What is drawn beside the membrane: cables, supports, loads, wrinkle directions, the picked element and node.
 import { BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, GLSL3, Group, LineBasicMaterial, LineLoop, LineSegments, Mesh, MeshBasicMaterial, Points, ShaderMaterial, Vector3 } from "three";
+import { Cables } from "./cables.js";
 import { normal } from "./data.js";
 
 const WRINKLED = 1;
@@ -53,11 +54,13 @@ export class Marks {
     this.element = lines(3, 0x0059e6, LineLoop, false);
     this.node = pixelMarks(1, 16 * pixelRatio, "ring");
     this.arrows = run.loads.map((nodes) => Array.from(nodes, arrow));
-    this.group.add(this.supports, this.wrinkles, this.element, this.node, ...this.arrows.flat());
+    this.cables = new Cables(run);
+    this.group.add(this.cables.rods, this.supports, this.wrinkles, this.element, this.node, ...this.arrows.flat());
   }
 
   place(step, picked, shown) {
     const { run } = this;
+    this.cables.place(step);
     this.supports.visible = shown.supports;
     run.supports.forEach((node, i) => this.#put(this.supports, i, this.#at(node)));
     this.#done(this.supports);
