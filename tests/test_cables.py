@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +63,7 @@ def pulley(ratio: float, EA: float, **changes: Any) -> Scene:
             "sag": {"kind": "displacement", "group": "pulley", "component": "z"},
             "side": {"kind": "displacement", "group": "pulley", "component": "x"},
             "left": {"kind": "reaction", "group": "left", "component": "z"},
+            "pad": {"kind": "reaction", "group": "pulley", "component": "z"},
         },
         **changes,
     )
@@ -116,6 +119,32 @@ def test_a_counterweight_hangs_over_a_pulley() -> None:
     assert found["wheel"] == pytest.approx(2.0 + root, rel=1e-9)
     assert found["in"] == pytest.approx(-1.0, abs=1e-9)
     assert 1.0 - 1.0 - found["down"] == pytest.approx(2 * root * (1 + 2 / 50) - root - 1.0, rel=1e-9)
+
+
+SINGLE = """
+import sys
+import numpy as np
+sys.path.insert(0, sys.argv[1])
+import test_cables
+from taichi_membrane.execution.run import run
+solver = {"kind": "relaxation", "tolerance": 1e-5}
+springs = {"pad": {"group": "pulley", "stiffness": 0.5, "direction": [0, 0, -1], "kind": "tension"}}
+one = run(test_cables.pulley(1.2, 20.0, solver=solver), precision="f32").steps[-1]
+both = run(test_cables.pulley(1.2, 20.0, solver=solver, springs=springs), precision="f32").steps[-1]
+assert one.converged and both.converged
+np.savez(sys.argv[2], force=one.probes["force"], held=both.probes["force"], left=both.probes["left"], pad=both.probes["pad"])
+"""
+
+
+def test_single_precision_finds_the_pulley_with_and_without_a_spring(tmp_path: Path) -> None:
+    """The spring takes its share of the weight, half its stiffness times how far the pulley goes down."""
+    here, file = Path(__file__).parent, tmp_path / "single.npz"
+    subprocess.run([sys.executable, "-c", SINGLE, str(here), str(file)], check=True, cwd=here.parent)
+    found = np.load(file)
+    assert found["force"] == pytest.approx(25.0 / 30.0, rel=1e-4)
+    assert 2.0 * found["left"] + found["pad"] == pytest.approx(1.0, rel=1e-4)
+    assert 0.01 < found["pad"] < 0.2
+    assert found["held"] < found["force"]
 
 
 def alone(ropes: Ropes | None = None, springs: Springs | None = None) -> System:

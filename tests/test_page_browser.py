@@ -16,6 +16,7 @@ from run_files import DRIVERS, PROVENANCE, SCENE, a_result, a_step, with_fields
 from taichi_membrane.names import SLACK, TAUT, WRINKLED
 from taichi_membrane.page.document import write_page
 from taichi_membrane.page.notebook import show
+from taichi_membrane.pictures.colours import CABLE_RAMP
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.results import Floats, RunResult, StepResult
 
@@ -104,6 +105,29 @@ def test_states_are_seen_where_they_are(tab: chromium.Browser) -> None:
     tab.click("#directions")
     assert tab.value("viewer.marks.lineCount") == 0
     assert 0.0 < changed(pixels, tab.view()) < 0.2
+
+
+def test_cables_have_the_colours_of_their_forces(browser: chromium.Browser, tmp_path: Path) -> None:
+    """One of the largest force, and one that goes slack in the last step; the legend tells the range."""
+    data = RUN.scene.model_dump(mode="json") | {
+        "cables": {
+            "tie": {"nodes": ["corner_00", "corner_11"], "EA": 1.0},
+            "stay": {"nodes": ["corner_10", "corner_01"], "EA": 1.0},
+        }
+    }
+    steps = tuple(with_fields(one, cable_force=np.array([5.0, 2.0 - number])) for number, one in enumerate(RUN.steps))
+    write_page(replace(RUN, scene=Scene.model_validate(data), steps=steps), tmp_path / "page.html")
+    browser.complaints.clear()
+    browser.open(tmp_path / "page.html")
+    assert browser.value("viewer.marks.cables.count") == 2
+    ramp = np.rint(255 * CABLE_RAMP).astype(int)
+    colours = [[browser.value(f"viewer.marks.cables.colour({step}, {k})") for k in range(2)] for step in range(3)]
+    assert colours[2] == [ramp[-1].tolist(), [115, 115, 115]]
+    assert colours[1][1] == ramp[0].tolist()
+    assert colours[0][1] == ramp[round(0.25 * 255)].tolist()
+    told = browser.value("document.querySelector('#legend .cables').textContent")
+    assert told == "cables: 1 to 5 N, slack cable"
+    assert not browser.complaints
 
 
 def test_the_slider_moves_the_membrane(tab: chromium.Browser) -> None:
