@@ -7,12 +7,12 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from run_files import MESH
+from run_files import MESH, SCENE
 
 import taichi_membrane as tm
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh, read_mesh
-from taichi_membrane.output.writer import _write_vtu
+from taichi_membrane.output.vtu import write_vtu
 from taichi_membrane.shapes import panel, sphere, tube
 
 
@@ -101,7 +101,7 @@ def test_the_mesh_of_a_run_gives_back_its_groups_and_directions(tmp_path: Path) 
     cells = {"fabric": np.zeros(MESH.tri_count, dtype=np.int32)} | marks
     if MESH.tri_warp is not None:
         cells["warp"] = MESH.tri_warp
-    _write_vtu(tmp_path / "mesh.vtu", MESH, _group_marks(MESH.node_groups, MESH.node_count), cells)
+    write_vtu(tmp_path / "mesh.vtu", MESH, MESH.lines[:0], _group_marks(MESH.node_groups, MESH.node_count), cells, {})
     found = read_mesh(tmp_path / "mesh.vtu")
     for name, members in MESH.tri_groups.items():
         assert found.tri_groups[name].tolist() == members.tolist()
@@ -216,8 +216,8 @@ def test_a_run_on_a_mesh_with_open_seams_is_read_back(tmp_path: Path) -> None:
 
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [1, 0, 0], [0, -1, 0]]
     mesh = Mesh.build(points, [[0, 1, 2], [4, 3, 5]], open_seams=True)
-    checksum = _write_vtu(tmp_path / "mesh.vtu", mesh, {}, {})
-    assert _mesh(tmp_path / "mesh.vtu", checksum).node_count == 6
+    checksum = write_vtu(tmp_path / "mesh.vtu", mesh, mesh.lines[:0], {}, {}, {})
+    assert _mesh(SCENE, tmp_path / "mesh.vtu", checksum).node_count == 6
 
 
 def test_an_array_that_numbers_the_cells_makes_no_groups() -> None:

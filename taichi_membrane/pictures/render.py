@@ -167,7 +167,8 @@ def _check(frame: Frame, look: Look) -> None:
     cables = np.asarray(frame.cables, dtype=np.int64)
     if cables.size and not (cables.min() >= 0 and cables.max() < n):
         raise ValueError(f"cables name nodes {cables.min()} to {cables.max()}, but there are {n} points")
-    _check_array("cable_force", np.asarray(frame.cable_force), (len(cables),), "cable")
+    if len(cables) or len(frame.cable_force):
+        _check_array("cable_force", np.asarray(frame.cable_force), (len(cables),), "cable")
     supports = np.asarray(frame.supports, dtype=np.int64)
     if supports.size and not (supports.min() >= 0 and supports.max() < n):
         raise ValueError(f"supports name nodes {supports.min()} to {supports.max()}, but there are {n} points")
