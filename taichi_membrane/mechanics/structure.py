@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.algebra.elimination import Elimination, kept_elimination
 from taichi_membrane.mechanics import preparation
+from taichi_membrane.mechanics.body import Body, parts_of, reduced_pairs
 from taichi_membrane.mechanics.preparation import (
     Cables,
     FabricConstants,
@@ -46,6 +47,7 @@ class Features:
     ``wind``: a pressure per triangle beside those of chambers. ``snow``: a load per plan area of each triangle.
     ``water``: how many liquids.
     ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``planes``: how many.
+    ``bodies``: rigid node groups.
     """
 
     variants: tuple[Variant, ...]
@@ -59,6 +61,7 @@ class Features:
     slanted: bool
     cables: bool
     planes: int
+    bodies: bool
 
     def describe(self) -> tuple[list[str], list[str]]:
         """Names of what is compiled in and of what is left out."""
@@ -80,6 +83,7 @@ class Features:
             "slanted supports": self.slanted,
             "cables": self.cables,
             "contact with planes": self.planes > 0,
+            "rigid bodies": self.bodies,
         }
         return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]
 
@@ -93,7 +97,8 @@ class Structure:
 
     :param tri_fabric: (tri_count,) number of each triangle's fabric in ``fabrics``.
     :param tri_warp: (tri_count, 3) warp direction, projected on the element.
-    :param node_held: (node_count, 3) True where a displacement component is held or prescribed.
+    :param node_held: (node_count, 3) True where a displacement component is held or prescribed; at nodes of rigid bodies what
+        they say of the freedoms that they carry, see :attr:`Body.held`, and True where they carry none.
     :param node_frame: (node_count, 3, 3) rows are the axes that ``node_held`` refers to at each node; x, y, z when None.
     :param tri_chamber: (tri_count,) number of the chamber behind each triangle, whose pressure acts along its normal; -1 for none.
     :param loads: whether dead nodal loads will be given.
@@ -116,6 +121,7 @@ class Structure:
     wind: Floats | None = None
     snow: PlanLoads | None = None
     water: tuple[Water, ...] = ()
+    bodies: tuple[Body, ...] = ()
 
     @property
     def points(self) -> Floats:
@@ -149,6 +155,19 @@ class Structure:
         return slice(self.snow_values.stop, self.snow_values.stop + len(self.water))
 
     @cached_property
+    def node_in_body(self) -> NDArray[np.bool_]:
+        """(node_count,) whether each node belongs to a rigid body."""
+        return np.asarray(parts_of(self.bodies, self.node_count)[:, 1] >= 0)
+
+    @cached_property
+    def node_fixed(self) -> NDArray[np.bool_]:
+        """(node_count, 3) components of each node's own displacement that are held: at bodies none unless all of it is."""
+        fixed = self.node_held.copy()
+        for body in self.bodies:
+            fixed[body.nodes] = body.held.all()
+        return fixed
+
+    @cached_property
     def geometry(self) -> TriangleGeometry:
         """Geometry of all triangles in their fabric axes."""
         return preparation.triangle_geometry(self.mesh, self.tri_warp)
@@ -167,10 +186,11 @@ class Structure:
 
     @cached_property
     def edges(self) -> Ints:
-        """(edge_count, 2) nodes that any element couples, the lower number first; sorted."""
-        if self.cables is None:
+        """(edge_count, 2) nodes whose freedoms any element couples, the lower number first; sorted."""
+        if self.cables is None and not self.bodies:
             return self.mesh.edges()
-        keys = np.unique(preparation.edge_keys(self.pairs, self.node_count))
+        pairs = reduced_pairs(self.pairs, self.bodies, self.node_count) if self.bodies else self.pairs
+        keys = np.unique(preparation.edge_keys(pairs, self.node_count))
         return np.column_stack(np.divmod(keys, self.node_count)).astype(np.int32)
 
     @cached_property
@@ -180,8 +200,13 @@ class Structure:
 
     @cached_property
     def edge_pairs(self) -> tuple[Ints, Ints]:
-        """The pairs on each edge; see :func:`preparation.pair_lists`."""
-        return preparation.pair_lists(self.pairs, self.edges, self.elimination.edge_node[:, 1], self.node_count)
+        """The pairs on each edge, but those that have a node in a body; see :func:`preparation.pair_lists`."""
+        rows = self.elimination.edge_node[:, 1]
+        if not self.bodies:
+            return preparation.pair_lists(self.pairs, self.edges, rows, self.node_count)
+        free = np.flatnonzero(~self.node_in_body[self.pairs].any(axis=1)).astype(np.int32)
+        start, found = preparation.pair_lists(self.pairs[free], self.edges, rows, self.node_count)
+        return start, np.where(found >= 0, free[np.maximum(found, ~found)], ~free[np.maximum(found, ~found)])
 
     @cached_property
     def pressure_edges(self) -> tuple[Ints, Floats]:
@@ -237,6 +262,7 @@ class Structure:
             slanted=self.node_frame is not None,
             cables=self.cables is not None,
             planes=len(self.planes),
+            bodies=bool(self.bodies),
         )
 
 

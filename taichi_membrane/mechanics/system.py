@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.bodies import ORDINARY, RigidBodies
 from taichi_membrane.mechanics.cables import CableTerm
 from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.nodes import Nodes, field_bytes
@@ -34,6 +35,7 @@ class System(Nodes):
         self.triangles = Triangles(self, self.pressure, self.snow, self.water, structure)
         self.cables = CableTerm(self, structure) if self.features.cables else None
         self.planes = tuple(PlaneTerm(self, structure, number) for number in range(self.features.planes))
+        self.rigid = (RigidBodies(self, structure),) if self.features.bodies else ()
         others = () if self.cables is None else (self.cables,)
         self.terms: tuple[ElementTerm, ...] = (self.triangles, *others)
         self.node_terms: tuple[NodeTerm, ...] = self.planes
@@ -53,7 +55,7 @@ class System(Nodes):
 
     def _parts(self) -> tuple[Term, ...]:
         """All that own fields beside the nodes."""
-        return (self.pressure, self.snow, self.water, *self.terms, *self.node_terms)
+        return (self.pressure, self.snow, self.water, *self.terms, *self.node_terms, *self.rigid)
 
     def fields(self) -> Iterator[tuple[str, Any]]:
         """Every Taichi field with its name."""
@@ -88,6 +90,28 @@ class System(Nodes):
             mass += 0.25 * term.bound(i)
         return mass
 
+    @ti.func
+    def acting_force(self, i):
+        """Out-of-balance force on the freedoms that node ``i`` carries."""
+        force = self.gathered_force(i)
+        for rigid in ti.static(self.rigid):
+            part = rigid.node_part[i]
+            if part >= 0:
+                force = rigid.part_force[part]
+            elif part != ORDINARY:
+                force = ti.Vector.zero(self.fp, 3)
+        return force
+
+    @ti.func
+    def acting_mass(self, i):
+        """Fictitious mass of the freedoms that node ``i`` carries; of one that carries none its own, which moves nothing."""
+        mass = self.gathered_mass(i)
+        for rigid in ti.static(self.rigid):
+            part = rigid.node_part[i]
+            if part >= 0:
+                mass = rigid.part_mass[part]
+        return mass
+
     @ti.kernel
     def _forces_kernel(self, out: ti.types.ndarray()):
         for term in ti.static(self.terms):
@@ -105,6 +129,14 @@ class System(Nodes):
         out = np.zeros((self.node_count, 3), dtype=self.dtype)
         self._forces_kernel(out)
         return out.astype(np.float64)
+
+    def balance(self) -> Floats:
+        """(node_count, 3) out-of-balance forces on the freedoms, in the supports' axes; where held, minus the reactions."""
+        forces = self.in_frames(self.out_of_balance())
+        for rigid in self.rigid:
+            for one, moment in zip(rigid.bodies, rigid.moments, strict=True):
+                forces[one.carriers[1]] += moment / one.radius
+        return forces
 
     # ---- energy
 
@@ -138,9 +170,17 @@ class System(Nodes):
         if len(self.terms) > 1 or self.node_terms:
             self._other_potential_kernel()
         stored, work = self.block_sum.to_numpy()[: self.triangles.block_count].astype(np.float64).sum(axis=0)
-        return float(stored - work - np.vdot(loads, self.displacement())), float(stored)
+        displacement = self.displacement()
+        done = sum(rigid.work(displacement) for rigid in self.rigid)
+        return float(stored - work - np.vdot(loads, displacement) - done), float(stored)
 
     # ---- what a run sets and asks
+
+    def set_displacement(self, displacement: Floats) -> None:
+        """Set all nodal displacements, (node_count, 3) lengths; nodes of a body have to lie as it does."""
+        super().set_displacement(displacement)
+        for rigid in self.rigid:
+            rigid.settle(displacement)
 
     def set_surface_loads(self, values: Floats) -> None:
         """Set the values of all loads on the surface: each chamber's pressure, winds, loads per plan area, levels."""

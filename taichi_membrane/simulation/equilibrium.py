@@ -176,7 +176,7 @@ class Equilibrium:
 
     def trouble(self) -> str:
         """Where the present state, which is no equilibrium, is worst: nodes out of balance and the element strained most."""
-        force = np.where(self.model.structure.node_held, 0.0, self.system.in_frames(self.system.out_of_balance()))
+        force = np.where(self.model.structure.node_held, 0.0, self.system.balance())
         size = np.linalg.norm(force, axis=1)
         lost = np.flatnonzero(~np.isfinite(size))
         if lost.size:
@@ -296,8 +296,7 @@ class Equilibrium:
         called_up = float(np.linalg.norm(system.out_of_balance()))
 
         def now() -> float:
-            force = system.in_frames(system.out_of_balance())
-            carried = float(np.linalg.norm(np.where(held, force, 0.0)))
+            carried = float(np.linalg.norm(np.where(held, system.balance(), 0.0)))
             least = called_up if carried <= self.tolerance * called_up else 0.0
             return max(carried, floor, least) or 1.0
 

@@ -238,7 +238,7 @@ class LoadStep:
         assert beyond is not None
         for _ in range(self.policy.landings):
             share = (1.0 - last.factor) / (beyond.factor - last.factor)
-            self.system.set_displacement(last.position + share * (beyond.position - last.position))
+            self.system.set_displacement(self.system.between(last.position, beyond.position, share))
             found = self._solve(1.0)
             if found is not None and not found.negative and self._compare(self.way.of_point(last), found) != "jump":
                 self._pass("target", 1.0)

@@ -104,11 +104,11 @@ class Measure:
 
     def _present(self, displacement: Floats) -> Present:
         """The system's present state, downloaded."""
-        local = self.system.in_frames(-self.system.out_of_balance())
+        local = -self.system.balance()
         return Present(
             structure=self.model.structure,
             displacement=displacement,
-            reaction=self.system.from_frames(np.where(self.model.structure.node_held, local, 0.0)),
+            reaction=self.system.spread(np.where(self.model.structure.node_held, local, 0.0)),
             elements=self.system.element_state(),
         )
 

@@ -155,8 +155,8 @@ class Way:
         """
         position = self.system.displacement()
         middle = 0.5 * (a.share + b.share)
-        self.system.set_displacement(0.5 * (a.position + b.position))
+        self.system.set_displacement(self.system.between(a.position, b.position, 0.5))
         mean = (a.force + 4.0 * self.force(middle) + b.force) / 6.0
         self.system.set_displacement(position)
         self.press(b.share)
-        return float(np.vdot(mean, self.system.in_frames(b.position - a.position)))
+        return float(np.vdot(mean, self.system.difference(a.position, b.position)))

@@ -127,7 +127,7 @@ class Newton:
 
     def free_force(self) -> Floats:
         """(node_count, 3) out-of-balance forces at free components."""
-        return np.where(self.free, self.system.in_frames(self.system.out_of_balance()), 0.0)
+        return np.where(self.free, self.system.balance(), 0.0)
 
     def factorised(self, *, indefinite: bool = False) -> Factor | None:
         """The present tangent, factorised; see :meth:`.LinearSolver.factorise`."""

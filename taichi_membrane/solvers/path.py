@@ -119,9 +119,9 @@ class Path:
         the way is then shortened by a point in between.
         """
         for _ in range(_HALVINGS):
-            advance = self.system.in_frames(beyond.position - before.position)
+            advance = self.system.difference(before.position, beyond.position)
             share = (factor - before.factor) / (beyond.factor - before.factor)
-            found = self._balanced(before.position + share * (beyond.position - before.position), factor, advance)
+            found = self._balanced(self.system.between(before.position, beyond.position, share), factor, advance)
             if found is not None:
                 return found
             point = self._correct(before, share * advance)[0]
@@ -172,7 +172,7 @@ class Path:
             if across == 0.0:
                 break  # the path runs across the step: nothing to correct the load by
             change = -float(np.vdot(advance, to_balance)) / across
-            advance = advance + to_balance + change * tangent
+            advance = self.system.composed(advance, to_balance + change * tangent)
             factor += change
         return None, iteration
 
