@@ -213,7 +213,8 @@ class Nodes:
     def set_loads(self, loads: Floats) -> None:
         """Set the dead nodal forces, (node_count, 3)."""
         if self.features.loads:
-            fill(self.node_load, np.asarray(loads, dtype=self.dtype))
+            self.loads = np.array(loads, dtype=np.float64)
+            fill(self.node_load, self.loads.astype(self.dtype))
 
 
 def blocks_of(count: int, on_cpu: bool) -> tuple[int, int]:

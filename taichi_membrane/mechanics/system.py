@@ -195,6 +195,14 @@ class System(Nodes):
             return pressures
         return np.concatenate([pressures, self.snow.values(), self.water.values()])
 
+    def tangent_state(self) -> tuple[Floats, ...]:
+        """All that a run sets and the tangent depends on: dead loads only where they turn rigid bodies."""
+        return (
+            self.displacement(),
+            self.surface_loads(),
+            *([self.loads] if self.rigid and self.features.loads else []),
+        )
+
     @property
     def geometry(self) -> TriangleGeometry:
         """Geometry of the triangles at rest."""

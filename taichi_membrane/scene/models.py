@@ -16,13 +16,13 @@ from taichi_membrane.scene import drivers
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.fabric import Fabric
-from taichi_membrane.scene.loads import AnyLoad, Pressure, SnowLoad, WeightLoad
+from taichi_membrane.scene.loads import AnyLoad, BodyLoad, Pressure, SnowLoad, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import MeshSource
-from taichi_membrane.scene.probe import FactorProbe, Probe
+from taichi_membrane.scene.probe import BodyProbe, FactorProbe, Probe
 from taichi_membrane.scene.solver import Modes, Solver
 from taichi_membrane.scene.stage import Stage
-from taichi_membrane.scene.support import Motion, Support
+from taichi_membrane.scene.support import Body, BodyRotation, BodyTranslation, Motion, Support
 
 DIFFERENTIABLE = ("displacement", "radius", "rotation", "volume")  # kinds of probes that derivatives exist for
 _FEW = Field(max_length=MOST)
@@ -127,6 +127,8 @@ class Scene(Record):
     """Cables and bars by name."""
     planes: Annotated[dict[Name, Plane], Field(max_length=8)] = {}
     """Planes that nodes touch and do not pass, by name."""
+    bodies: Annotated[dict[Name, Body], _FEW] = {}
+    """Node groups that move as rigid bodies, by name."""
     supports: Annotated[list[Support], _FEW] = []
     """What is held."""
     pressures: Annotated[dict[Name, Pressure], _FEW] = {"inside": Pressure()}
@@ -193,6 +195,7 @@ class Scene(Record):
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
             raise ValueError("modes and derivatives need the tangent of solver.kind 'hybrid' or 'newton'")
         self._check_planes()
+        self._check_bodies()
         if self.curve is not None:
             allowed = [*self.probes, "volume", "pressure", *drivers.driver_names(self)]
             _known(self.curve.x, allowed, "curve.x", "a quantity")
@@ -236,6 +239,28 @@ class Scene(Record):
                 if stage.control == "arc_length" or stage.until in ("collapse", "collapse_or_target"):
                     key = "control = 'arc_length'" if stage.control == "arc_length" else f"until = {stage.until!r}"
                     raise ValueError(f"stages.{stage.name}.{key} {told}")
+
+    def _check_bodies(self) -> None:
+        """Refuse bodies that are not there, and what is not implemented with them."""
+        for table in ("loads", "motions", "probes"):
+            for name, item in getattr(self, table).items():
+                if isinstance(item, BodyLoad | BodyTranslation | BodyRotation | BodyProbe):
+                    _known(item.body, self.bodies, f"{table}.{name}.body", "a body")
+        if self.bodies:
+            told = "is not implemented for a scene with bodies"
+            if self.planes:
+                raise ValueError(f"planes: contact {told}")
+            if self.modes is not None and self.modes.kind == "vibration":
+                raise ValueError(f"modes.kind = 'vibration' {told}, which have no masses")
+
+    @property
+    def holding(self) -> list[tuple[str, str]]:
+        """Group of nodes and what is held or prescribed, in words, of each support, body and motion."""
+        found = [
+            (one.group, f"held in {one.hold}" if one.hold else f"held along {one.normal}") for one in self.supports
+        ]
+        found += [(name, f"rigid, held {one.told}") for name, one in self.bodies.items() if one.told]
+        return found + [(one.group, f"motion {name}: {one.kind} in {one.hold}") for name, one in self.motions.items()]
 
     def _check_closed(self, stage: Stage) -> None:
         """Refuse a stage that shuts a valve it cannot shut."""

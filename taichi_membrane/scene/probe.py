@@ -124,6 +124,20 @@ class AreaProbe(Record):
     """State that counts."""
 
 
+class BodyProbe(Record):
+    """What a rigid body does: displacement of its centre, rotation, and what its supports and motions push with."""
+
+    kind: Literal["body"]
+    """Of a rigid body."""
+    body: Name
+    """Name of the body."""
+    of: Literal["displacement", "rotation", "force", "moment"]
+    """``displacement`` of the centre [length], ``rotation`` as a vector along its axis [degrees, up to 180], or resultant
+    ``force`` [force] and ``moment`` about the present centre [force · length] of what holds and moves the body."""
+    component: Literal["x", "y", "z", "magnitude"]
+    """Along an axis, or its magnitude."""
+
+
 Probe = Annotated[
     DisplacementProbe
     | ReactionProbe
@@ -134,6 +148,7 @@ Probe = Annotated[
     | StressProbe
     | ResultantProbe
     | FactorProbe
-    | AreaProbe,
+    | AreaProbe
+    | BodyProbe,
     Field(discriminator="kind"),
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from taichi_membrane import fields
-from taichi_membrane.scene import FactorProbe, ResultantProbe, Scene, StressProbe
+from taichi_membrane.scene import BodyProbe, FactorProbe, ResultantProbe, Scene, StressProbe
 from taichi_membrane.scene.drivers import driver_unit
 
 
@@ -14,12 +14,14 @@ def probe_unit(scene: Scene, name: str) -> str:
         return driver_unit(scene, probe.of)
     if isinstance(probe, StressProbe | ResultantProbe):
         return fields.named(f"{probe.which}_{probe.kind}").unit_label(units)
+    kind = probe.of if isinstance(probe, BodyProbe) else probe.kind
     return {
         "displacement": units.length,
         "radius": units.length,
         "reaction": units.force,
+        "force": units.force,
         "moment": units.energy,
         "rotation": "°",
         "volume": units.volume,
         "area_share": "",
-    }[probe.kind]
+    }[kind]

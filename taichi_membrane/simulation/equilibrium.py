@@ -11,9 +11,10 @@ from taichi_membrane.mechanics.gas import Gas, ShutChamber
 from taichi_membrane.mechanics.rim import Rim
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
-from taichi_membrane.simulation.load_step import LoadStep, Reached
+from taichi_membrane.simulation.load_step import LoadStep
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
+from taichi_membrane.simulation.reached import Reached
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.stiffest import Stiffest
 from taichi_membrane.simulation.way import Way
@@ -92,7 +93,7 @@ class Equilibrium:
 
     def apply(self, state: LoadState) -> None:
         """Set pressures, loads and prescribed displacements."""
-        if self.model.motions:
+        if self.model.motions or self.model.moved_bodies:
             self.system.set_displacement(self.model.moved(self.system.displacement(), state))
         self.press(state)
 
@@ -100,6 +101,8 @@ class Equilibrium:
         """Set pressures and loads."""
         self.system.set_surface_loads(self.model.surface_values(state))
         self.system.set_loads(self.model.nodal_loads(state))
+        for rigid in self.system.rigid:
+            rigid.set_moments(self.model.body_moments(state))
         if self.gas is not None:
             self.gas.settle()
 

@@ -12,19 +12,19 @@ from taichi_membrane.scene import Cable, Scene
 from taichi_membrane.simulation.groups import group_nodes
 
 
-def with_cable_nodes(scene: Scene, mesh: Mesh) -> Mesh:
-    """The mesh with the loose points that cables use as nodes.
+def with_member_nodes(scene: Scene, mesh: Mesh) -> Mesh:
+    """The mesh with the loose points that cables and rigid bodies use as nodes.
 
     :raises InputError: no such group of lines.
     """
-    for name, cable in scene.cables.items():
-        if cable.lines is not None:
-            if cable.lines not in mesh.line_groups:
+    users = {f"cables.{name}": cable.lines for name, cable in scene.cables.items()}
+    users |= {f"bodies.{name}": body.lines for name, body in scene.bodies.items()}
+    for key, lines in users.items():
+        if lines is not None:
+            if lines not in mesh.line_groups:
                 known = ", ".join(mesh.line_groups) or "(none)"
-                raise InputError(
-                    f"cables.{name}.lines: no group of lines {cable.lines!r} in this mesh; allowed: {known}"
-                )
-            mesh = meshes.with_line_nodes(mesh, cable.lines)
+                raise InputError(f"{key}.lines: no group of lines {lines!r} in this mesh; allowed: {known}")
+            mesh = meshes.with_line_nodes(mesh, lines)
     return mesh
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.solvers.newton import Newton
+from taichi_membrane.solvers.record import SolveRecord
 
 # Sizes of steps are a matter of cost within a factor of ten either way, but where tests/test_policy_rules.py tells a difference.
 # A step that takes few iterations is followed by a longer one, one that takes many by a shorter one.
@@ -222,6 +223,20 @@ class PathEnd:
     beyond: PathPoint | None
     iterations: int
     upper: float | None = None
+
+    def record(self, *, again: bool = False) -> SolveRecord:
+        """Record of following the path. Where it loses its stability the last point before is an equilibrium that may be kept.
+
+        :param again: its iterations are counted already.
+        """
+        return SolveRecord(
+            converged=self.reason in ("limit", "bifurcation"),
+            reason=self.reason,
+            iterations=0 if again else self.iterations,
+            residual=self.last.residual,
+            seconds=0.0,
+            method="arc length",
+        )
 
 
 class Seen(NamedTuple):
