@@ -239,11 +239,13 @@ def test_a_guyed_mast_stands_up_to_its_critical_load_and_no_further() -> None:
 def test_buckling_modes_of_the_mast_meet_its_critical_load() -> None:
     """Linear in the load: extrapolation is exact."""
     scene, mesh = guyed(
-        modes={"kind": "buckling", "count": 2}, stages=[{"name": "load", "loads": {"weight": 0.5 * critical()}}]
+        modes={"kind": "buckling", "count": 3}, stages=[{"name": "load", "loads": {"weight": 0.5 * critical()}}]
     )
     modes = run(scene, mesh=mesh).steps[-1].modes
     assert modes is not None
     assert modes.values == pytest.approx((2.0, 2.0), rel=1e-6)
+    assert len(modes.values) == 2  # a turn about the mast itself is none
+    assert np.linalg.norm(modes.shapes, axis=(1, 2)) == pytest.approx(1.0, rel=1e-6)  # of the top alone
 
 
 @pytest.mark.parametrize(

@@ -175,7 +175,7 @@ def test_the_whole_tangent_is_that_of_differences(shut: bool) -> None:
     cap_start = {"cap_start": "flat"} if shut else {}
     scene = tube(
         mesh={**around, **cap_start}, bodies={"plate": {"group": "cap_end" if shut else "end"}},
-        fabric={"E": 1.0, "nu": 0.3, "thickness": 1.0, "wrinkling": "none"},
+        fabric={"E": 1.0, "nu": 0.3, "thickness": 1.0, "law": "none"},
         pressures={"inside": {"ambient": 0.1}}, stages=[{"name": "inflate", "pressure": 0.01, "loads": {"push": 1e-3}}],
     )  # fmt: skip
     model = build_model(scene, build_mesh(scene))

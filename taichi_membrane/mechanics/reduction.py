@@ -24,6 +24,7 @@ class Reduction:
         in_body = self.parts[:, 1] >= 0
         self.slots = np.flatnonzero(in_body[structure.slots]).astype(np.int32)
         self.pairs = np.flatnonzero(in_body[structure.pairs].any(axis=1)).astype(np.int32)
+        self._some = _stiffness_of(structure)
         self._keys = edge_keys(structure.edges, structure.node_count)
 
     def add(self, out: Floats, of_slots: Floats, of_pairs: Floats, displacement: Floats, forces: Floats) -> None:
@@ -41,7 +42,7 @@ class Reduction:
             block = out[self.elimination.node_block[spin]]
             block += self._free(spin, spin, body.geometric(displacement, forces))
             if body.line is not None and not body.held[1].any():
-                _leave_out(block, body.pose(displacement)[1] @ body.line)
+                _leave_out(block, body.pose(displacement)[1] @ body.line, self._some)
 
     def _maps(self, displacement: Floats) -> Floats:
         """(node_count, 2, 3, 3) how each node moves with the freedoms of its two parts."""
@@ -82,8 +83,15 @@ class Reduction:
         return np.asarray(values * free[row][..., :, None] * free[column][..., None, :])
 
 
-def _leave_out(block: Floats, axis: Floats) -> None:
-    """Give a spin's block a stiffness along a mast's axis, beside which nothing couples with it: no node moves, no force acts."""
+def _leave_out(block: Floats, axis: Floats, stiffness: float) -> None:
+    """Give a spin's block some stiffness along a mast's axis, where it is alone: no node moves, no force acts, nothing couples."""
     across = np.eye(3) - np.outer(axis, axis)
-    projected = across @ block @ across
-    block[:] = projected + (np.abs(projected).max() or 1.0) * np.outer(axis, axis)
+    block[:] = across @ block @ across + stiffness * np.outer(axis, axis)
+
+
+def _stiffness_of(structure: Structure) -> float:
+    """Size of an element's stiffness; the same in all states, so that differences of tangents know nothing of it."""
+    found = [fabric.thickness * max(fabric.e_warp, fabric.e_weft) for fabric in structure.fabrics]
+    if structure.cables is not None:
+        found.append(float((structure.cables.stiffness / structure.cables.length).max()))
+    return max(found)
