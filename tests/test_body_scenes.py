@@ -236,6 +236,30 @@ def test_a_guyed_mast_stands_up_to_its_critical_load_and_no_further() -> None:
     assert high - low < 3e-3 * critical()
 
 
+def test_a_mast_with_a_node_that_nothing_is_at_leans_alike_by_both_solvers() -> None:
+    """Under a side load; its lines go through a point of its own, which carries nothing."""
+    patch = np.array([[0.0, 90, 0], [1, 90, 0], [1, 91, 0]])
+    loose = np.array(
+        [[0, 0, 0], [0, 0, MAST], [0, 0, 1.0], [REACH, 0, 0], [-REACH, 0, 0], [0, REACH, 0], [0, -REACH, 0]]
+    )
+    mesh = Mesh.build(
+        patch, [[0, 1, 2]], lines=[[3, 5], [5, 4], *([4, 6 + k] for k in range(4))],
+        line_groups={"mast": [0, 1], "guys": [2, 3, 4, 5]}, loose_points=loose,
+        loose_groups={"anchors": [6, 7, 8, 9], "top": [4]},
+    )  # fmt: skip
+    loads = {"side": {"group": "top", "direction": [1.0, 0.5, -2.0]}}
+    found = []
+    for kind in ("newton", "relaxation"):
+        scene, _ = guyed(
+            loads=loads, stages=[{"name": "lean", "loads": {"side": 20.0}}], solver={"kind": kind, "tolerance": 1e-8}
+        )
+        result = run(scene, mesh=mesh)
+        assert result.converged, result.steps[-1].reason
+        found.append(result.steps[-1].probes["tilt"])
+    assert found[0] > 0.5
+    assert found[1] == pytest.approx(found[0], rel=1e-5)
+
+
 def test_buckling_modes_of_the_mast_meet_its_critical_load() -> None:
     """Linear in the load: extrapolation is exact."""
     scene, mesh = guyed(

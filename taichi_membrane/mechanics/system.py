@@ -110,6 +110,8 @@ class System(Nodes):
             part = rigid.node_part[i]
             if part >= 0:
                 mass = rigid.part_mass[part]
+            if mass <= 0.0:
+                mass = ti.max(rigid.part_mass[0], 1e-30)  # of a node of a body that no element has: nothing moves by it
         return mass
 
     @ti.kernel
