@@ -61,6 +61,7 @@ def test_a_plain_scene_owns_no_field_and_compiles_no_code_of_any_feature(monkeyp
     set_traps(monkeypatch, *TRAPS)
     system = run_everything(closed_body(ISOTROPIC, **PLAIN))
     assert [name for name, _ in system.fields() if name in OPTIONAL] == []
+    assert system.rigid == ()
 
 
 def test_an_isotropic_tension_field_compiles_no_direction_search(monkeypatch: pytest.MonkeyPatch) -> None:

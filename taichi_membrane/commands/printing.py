@@ -201,6 +201,10 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
             ("support", f"{item.group}: {item.hold or f'normal {list(item.normal or ())}'} held")
             for item in scene.supports
         ),
+        *(
+            ("body", f"{name}: {item.group or item.lines}{', held ' if item.told else ''}{item.told}")
+            for name, item in scene.bodies.items()
+        ),
         *((kind.name, f"{name}: {kind.words(item)}") for kind in DRIVERS for name, item in kind.defined(scene).items()),
         *(("pressure", line) for line in _potential_lines(model)),
         *(("cable", f"{name}: {_cable_line(item)}") for name, item in scene.cables.items()),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics import body
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Features, Structure
 
@@ -160,26 +161,60 @@ class Nodes:
         return leading
 
     def retract(self, position: Floats, step: Floats) -> Floats:
-        """(node_count, 3) displacements that a step leads to from ``position``; the step in the axes that supports refer to.
+        """(node_count, 3) displacements that a step in the freedoms leads to from ``position``.
 
-        Steps are tangent vectors, and this alone knows how they move a structure: nodes add them.
+        Steps are tangent vectors, in the axes that supports refer to, and this alone knows how they move a structure: nodes add
+        them, rigid bodies turn (:mod:`body`).
         """
+        if self.features.bodies:
+            return body.retracted(self.structure.bodies, position, self._turned_back(step))
         return position + self.from_frames(step)
 
+    def difference(self, before: Floats, after: Floats) -> Floats:
+        """(node_count, 3) the step that leads from one place to another."""
+        if self.features.bodies:
+            return self._turned(body.difference(self.structure.bodies, before, after))
+        return self.in_frames(after - before)
+
+    def between(self, before: Floats, after: Floats, share: float) -> Floats:
+        """(node_count, 3) displacements at a share of the step from one place to another."""
+        if self.features.bodies:
+            return self.retract(before, share * self.difference(before, after))
+        return before + share * (after - before)
+
+    def composed(self, first: Floats, then: Floats) -> Floats:
+        """(node_count, 3) the one step that leads where a step and another one after it lead."""
+        return body.composed(self.structure.bodies, first, then) if self.features.bodies else first + then
+
     def in_frames(self, vectors: Floats) -> Floats:
-        """Nodal vectors (node_count, 3) in the axes that supports refer to."""
+        """Nodal forces (node_count, 3) on the freedoms: in the axes that supports refer to, and of bodies as a whole."""
+        if self.features.bodies:
+            vectors = body.generalised(self.structure.bodies, self.displacement(), vectors)
+        return self._turned(vectors)
+
+    def from_frames(self, vectors: Floats) -> Floats:
+        """Nodal displacements (node_count, 3) in x, y, z of those of the freedoms, to first order."""
+        vectors = self._turned_back(vectors)
+        return body.nodal(self.structure.bodies, self.displacement(), vectors) if self.features.bodies else vectors
+
+    def spread(self, forces: Floats) -> Floats:
+        """Nodal forces (node_count, 3) in x, y, z of those on the freedoms; of a body the least that come to them."""
+        forces = self._turned_back(forces)
+        return body.spread(self.structure.bodies, self.displacement(), forces) if self.features.bodies else forces
+
+    def _turned(self, vectors: Floats) -> Floats:
         frame = self.structure.node_frame
         return vectors if frame is None else np.einsum("nij,nj->ni", frame, vectors)
 
-    def from_frames(self, vectors: Floats) -> Floats:
-        """Nodal vectors (node_count, 3) given in the supports' axes, in x, y, z."""
+    def _turned_back(self, vectors: Floats) -> Floats:
         frame = self.structure.node_frame
         return vectors if frame is None else np.einsum("nji,nj->ni", frame, vectors)
 
     def set_loads(self, loads: Floats) -> None:
         """Set the dead nodal forces, (node_count, 3)."""
         if self.features.loads:
-            fill(self.node_load, np.asarray(loads, dtype=self.dtype))
+            self.loads = np.array(loads, dtype=np.float64)
+            fill(self.node_load, self.loads.astype(self.dtype))
 
 
 def blocks_of(count: int, on_cpu: bool) -> tuple[int, int]:

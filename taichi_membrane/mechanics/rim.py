@@ -80,7 +80,7 @@ class Rim:
         for number in self.liquids:
             found.append(WaterSkew(self.structure, self.structure.water[number], float(levels[number]), displacement))
         parts = [part for part in found if part is not None]
-        return Skew(self.structure, parts) if parts else None
+        return Skew(self.structure, parts, displacement) if parts else None
 
     def _edges(self, pressures: Floats, displacement: Floats) -> EdgeSkew | None:
         """That of pressures that end or jump at edges."""
@@ -98,7 +98,7 @@ def _can_turn(structure: Structure, nodes: Ints) -> Ints:
     frames = np.broadcast_to(np.eye(3), (*nodes.shape, 3, 3))
     if structure.node_frame is not None:
         frames = structure.node_frame[nodes]
-    ways = (np.where(structure.node_held[nodes], 0.0, 1.0)[..., None] * frames).reshape(len(nodes), 6, 3)
+    ways = (np.where(structure.node_fixed[nodes], 0.0, 1.0)[..., None] * frames).reshape(len(nodes), 6, 3)
     along = structure.points[nodes[:, 1]] - structure.points[nodes[:, 0]]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     span = np.linalg.matrix_rank(ways, tol=_IN_PLANE)

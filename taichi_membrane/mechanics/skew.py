@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy import sparse
 
+from taichi_membrane.mechanics.body import parts_of
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
 
@@ -38,14 +39,37 @@ class Part(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Skew:
-    """Skew part Z of the tangent at a state: the sum of its parts."""
+    """Skew part Z of the tangent at a state: the sum of its parts.
+
+    :param base: (node_count, 3) displacements of the state.
+    """
 
     structure: Structure
     parts: Sequence[Part]
+    base: Floats
 
     @cached_property
     def _blocks(self) -> Blocks:
-        return Blocks(*(np.concatenate(arrays) for arrays in zip(*(part.blocks() for part in self.parts), strict=True)))
+        found = Blocks(
+            *(np.concatenate(arrays) for arrays in zip(*(part.blocks() for part in self.parts), strict=True))
+        )
+        return self._reduced(found) if self.structure.bodies else found
+
+    def _reduced(self, found: Blocks) -> Blocks:
+        """Blocks of the freedoms of rigid bodies in place of their nodes', Tᵀ Z T."""
+        count = self.structure.node_count
+        parts, maps = parts_of(self.structure.bodies, count), np.zeros((count, 2, 3, 3))
+        maps[:, 0] = np.eye(3)
+        for body in self.structure.bodies:
+            maps[body.nodes] = body.map_at(self.base).reshape(-1, 3, 2, 3).transpose(0, 2, 1, 3)
+        made = []
+        for p in range(2):
+            for q in range(2):
+                rows, columns = parts[found.rows, p], parts[found.columns, q]
+                used = (rows >= 0) & (columns >= 0)
+                left, right = maps[found.rows[used], p], maps[found.columns[used], q]
+                made.append((rows[used], columns[used], left.transpose(0, 2, 1) @ found.values[used] @ right))
+        return Blocks(*(np.concatenate(arrays) for arrays in zip(*made, strict=True)))
 
     @cached_property
     def ends(self) -> Ints:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.algebra.elimination import Elimination, kept_elimination
 from taichi_membrane.mechanics import preparation
+from taichi_membrane.mechanics.body import Body, parts_of, reduced_pairs
 from taichi_membrane.mechanics.preparation import (
     Cables,
     FabricConstants,
@@ -49,6 +50,7 @@ class Features:
     ``water``: how many liquids.
     ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``ropes``: cables that
     slide over nodes. ``springs``: nodes on springs to the ground. ``planes``: how many.
+    ``bodies``: rigid node groups.
     """
 
     variants: tuple[Variant, ...]
@@ -64,6 +66,7 @@ class Features:
     ropes: bool
     springs: bool
     planes: int
+    bodies: bool
 
     def describe(self) -> tuple[list[str], list[str]]:
         """Names of what is compiled in and of what is left out."""
@@ -87,6 +90,7 @@ class Features:
             "sliding cables": self.ropes,
             "springs to the ground": self.springs,
             "contact with planes": self.planes > 0,
+            "rigid bodies": self.bodies,
         }
         return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]
 
@@ -100,7 +104,8 @@ class Structure:
 
     :param tri_fabric: (tri_count,) number of each triangle's fabric in ``fabrics``.
     :param tri_warp: (tri_count, 3) warp direction, projected on the element.
-    :param node_held: (node_count, 3) True where a displacement component is held or prescribed.
+    :param node_held: (node_count, 3) True where a displacement component is held or prescribed; at nodes of rigid bodies what
+        they say of the freedoms that they carry, see :attr:`Body.held`, and True where they carry none.
     :param node_frame: (node_count, 3, 3) rows are the axes that ``node_held`` refers to at each node; x, y, z when None.
     :param tri_chamber: (tri_count,) number of the chamber behind each triangle, whose pressure acts along its normal; -1 for none.
     :param loads: whether dead nodal loads will be given.
@@ -125,6 +130,7 @@ class Structure:
     wind: Floats | None = None
     snow: PlanLoads | None = None
     water: tuple[Water, ...] = ()
+    bodies: tuple[Body, ...] = ()
 
     @property
     def points(self) -> Floats:
@@ -156,6 +162,19 @@ class Structure:
     def water_values(self) -> slice:
         """Where the levels of liquids stand among these values."""
         return slice(self.snow_values.stop, self.snow_values.stop + len(self.water))
+
+    @cached_property
+    def node_in_body(self) -> NDArray[np.bool_]:
+        """(node_count,) whether each node belongs to a rigid body."""
+        return np.asarray(parts_of(self.bodies, self.node_count)[:, 1] >= 0)
+
+    @cached_property
+    def node_fixed(self) -> NDArray[np.bool_]:
+        """(node_count, 3) components of each node's own displacement that are held: at bodies none unless all of it is."""
+        fixed = self.node_held.copy()
+        for body in self.bodies:
+            fixed[body.nodes] = body.held.all()
+        return fixed
 
     @cached_property
     def geometry(self) -> TriangleGeometry:
@@ -196,10 +215,11 @@ class Structure:
 
     @cached_property
     def edges(self) -> Ints:
-        """(edge_count, 2) nodes that any element couples, the lower number first; sorted."""
-        if self.cables is None and self.ropes is None:
+        """(edge_count, 2) nodes whose freedoms any element couples, the lower number first; sorted."""
+        if self.cables is None and self.ropes is None and not self.bodies:
             return self.mesh.edges()
-        keys = np.unique(preparation.edge_keys(self.pairs, self.node_count))
+        pairs = reduced_pairs(self.pairs, self.bodies, self.node_count) if self.bodies else self.pairs
+        keys = np.unique(preparation.edge_keys(pairs, self.node_count))
         return np.column_stack(np.divmod(keys, self.node_count)).astype(np.int32)
 
     @cached_property
@@ -209,8 +229,13 @@ class Structure:
 
     @cached_property
     def edge_pairs(self) -> tuple[Ints, Ints]:
-        """The pairs on each edge; see :func:`preparation.pair_lists`."""
-        return preparation.pair_lists(self.pairs, self.edges, self.elimination.edge_node[:, 1], self.node_count)
+        """The pairs on each edge, but those that have a node in a body; see :func:`preparation.pair_lists`."""
+        rows = self.elimination.edge_node[:, 1]
+        if not self.bodies:
+            return preparation.pair_lists(self.pairs, self.edges, rows, self.node_count)
+        free = np.flatnonzero(~self.node_in_body[self.pairs].any(axis=1)).astype(np.int32)
+        start, found = preparation.pair_lists(self.pairs[free], self.edges, rows, self.node_count)
+        return start, np.where(found >= 0, free[np.maximum(found, ~found)], ~free[np.maximum(found, ~found)])
 
     @cached_property
     def pressure_edges(self) -> tuple[Ints, Floats]:
@@ -268,6 +293,7 @@ class Structure:
             ropes=self.ropes is not None,
             springs=self.springs is not None,
             planes=len(self.planes),
+            bodies=bool(self.bodies),
         )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.bodies import ORDINARY, RigidBodies
 from taichi_membrane.mechanics.cables import CableTerm
 from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.nodes import Nodes, field_bytes
@@ -37,6 +38,7 @@ class System(Nodes):
         self.cables = CableTerm(self, structure) if self.features.cables else None
         self.ropes = RopeTerm(self, structure) if self.features.ropes else None
         self.planes = tuple(PlaneTerm(self, structure, number) for number in range(self.features.planes))
+        self.rigid = (RigidBodies(self, structure),) if self.features.bodies else ()
         self.springs = SpringTerm(self, structure) if self.features.springs else None
         cables = [term for term in (self.cables, self.ropes) if term is not None]
         self.terms: tuple[ElementTerm, ...] = (self.triangles, *cables)
@@ -57,7 +59,7 @@ class System(Nodes):
 
     def _parts(self) -> tuple[Term, ...]:
         """All that own fields beside the nodes."""
-        return (self.pressure, self.snow, self.water, *self.terms, *self.node_terms)
+        return (self.pressure, self.snow, self.water, *self.terms, *self.node_terms, *self.rigid)
 
     def fields(self) -> Iterator[tuple[str, Any]]:
         """Every Taichi field with its name."""
@@ -92,6 +94,30 @@ class System(Nodes):
             mass += 0.25 * term.bound(i)
         return mass
 
+    @ti.func
+    def acting_force(self, i):
+        """Out-of-balance force on the freedoms that node ``i`` carries."""
+        force = self.gathered_force(i)
+        for rigid in ti.static(self.rigid):
+            part = rigid.node_part[i]
+            if part >= 0:
+                force = rigid.part_force[part]
+            elif part != ORDINARY:
+                force = ti.Vector.zero(self.fp, 3)
+        return force
+
+    @ti.func
+    def acting_mass(self, i):
+        """Fictitious mass of the freedoms that node ``i`` carries; of one that carries none its own, which moves nothing."""
+        mass = self.gathered_mass(i)
+        for rigid in ti.static(self.rigid):
+            part = rigid.node_part[i]
+            if part >= 0:
+                mass = rigid.part_mass[part]
+            if mass <= 0.0:
+                mass = ti.max(rigid.part_mass[0], 1e-30)  # of a node of a body that no element has: nothing moves by it
+        return mass
+
     @ti.kernel
     def _forces_kernel(self, out: ti.types.ndarray()):
         for term in ti.static(self.terms):
@@ -109,6 +135,14 @@ class System(Nodes):
         out = np.zeros((self.node_count, 3), dtype=self.dtype)
         self._forces_kernel(out)
         return out.astype(np.float64)
+
+    def balance(self) -> Floats:
+        """(node_count, 3) out-of-balance forces on the freedoms, in the supports' axes; where held, minus the reactions."""
+        forces = self.in_frames(self.out_of_balance())
+        for rigid in self.rigid:
+            for one, moment in zip(rigid.bodies, rigid.moments, strict=True):
+                forces[one.carriers[1]] += moment / one.radius
+        return forces
 
     # ---- energy
 
@@ -142,9 +176,17 @@ class System(Nodes):
         if len(self.terms) > 1 or self.node_terms:
             self._other_potential_kernel()
         stored, work = self.block_sum.to_numpy()[: self.triangles.block_count].astype(np.float64).sum(axis=0)
-        return float(stored - work - np.vdot(loads, self.displacement())), float(stored)
+        displacement = self.displacement()
+        done = sum(rigid.work(displacement) for rigid in self.rigid)
+        return float(stored - work - np.vdot(loads, displacement) - done), float(stored)
 
     # ---- what a run sets and asks
+
+    def set_displacement(self, displacement: Floats) -> None:
+        """Set all nodal displacements, (node_count, 3) lengths; nodes of a body have to lie as it does."""
+        super().set_displacement(displacement)
+        for rigid in self.rigid:
+            rigid.settle(displacement)
 
     def set_surface_loads(self, values: Floats) -> None:
         """Set the values of all loads on the surface: each chamber's pressure, winds, loads per plan area, levels."""
@@ -158,6 +200,14 @@ class System(Nodes):
         if not (self.snow.used or self.water.used):
             return pressures
         return np.concatenate([pressures, self.snow.values(), self.water.values()])
+
+    def tangent_state(self) -> tuple[Floats, ...]:
+        """All that a run sets and the tangent depends on: dead loads only where they turn rigid bodies."""
+        return (
+            self.displacement(),
+            self.surface_loads(),
+            *([self.loads] if self.rigid and self.features.loads else []),
+        )
 
     @property
     def geometry(self) -> TriangleGeometry:

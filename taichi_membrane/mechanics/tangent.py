@@ -11,8 +11,10 @@ from scipy import sparse
 from taichi_membrane.algebra.protocol import DIRECT, Algebra
 from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.bodies import ORDINARY
 from taichi_membrane.mechanics.nodes import Array
 from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.reduction import Reduction
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
 
@@ -48,6 +50,7 @@ class Tangent:
         elimination = self.elimination
         self._write(elimination.node_block, elimination.edge_block, elimination.edge_node, *structure.edge_pairs)
         self.blocks = np.zeros((self.elimination.block_count, 3, 3))
+        self.reduction = Reduction(structure, elimination) if structure.bodies else None
 
     @ti.kernel
     def _write(
@@ -78,6 +81,9 @@ class Tangent:
                 block += self.slot_block[self.system.node_slot[s]]
             for term in ti.static(self.system.node_terms):
                 block += term.block(i)
+            for rigid in ti.static(self.system.rigid):
+                if rigid.node_part[i] != ORDINARY:
+                    block = ti.Matrix.zero(self.system.fp, 3, 3)  # theirs are added on the host
             self.write_block(self.node_block[i], self.in_frames(block, i, i), i, i, out)
             for c in ti.static(range(3)):
                 if self.system.node_held[i][c] == 1:
@@ -111,10 +117,25 @@ class Tangent:
                 out[number, i, j] = ti.select(free == 1, block[i, j], ti.cast(0.0, self.system.fp))
 
     def assemble(self) -> Floats:
-        """Blocks of the lower triangle (block_count, 3, 3) at the present displacements and pressures, in the supports' axes; the
-        same array each time. Held components have 1 on the diagonal and 0 beside it."""
+        """Blocks of the lower triangle (block_count, 3, 3) at the present displacements and pressures, of the freedoms; the same
+        array each time. Held components have 1 on the diagonal and 0 beside it."""
         self._assemble(self.blocks)
+        if self.reduction is not None:
+            one = self.reduction
+            of_slots, of_pairs = np.zeros((len(one.slots), 3, 3)), np.zeros((len(one.pairs), 3, 3))
+            self._fetch(one.slots, one.pairs, of_slots, of_pairs)
+            one.add(self.blocks, of_slots, of_pairs, self.system.displacement(), self.system.out_of_balance())
         return self.blocks
+
+    @ti.kernel
+    def _fetch(self, slots: Array, pairs: Array, of_slots: Array, of_pairs: Array):
+        """Blocks of elements at bodies."""
+        for s in range(slots.shape[0]):
+            for i, j in ti.static(ti.ndrange(3, 3)):
+                of_slots[s, i, j] = self.slot_block[slots[s]][i, j]
+        for p in range(pairs.shape[0]):
+            for i, j in ti.static(ti.ndrange(3, 3)):
+                of_pairs[p, i, j] = self.pair_block[pairs[p]][i, j]
 
     def loose(self, free: NDArray[np.bool_]) -> Floats | None:
         """(node_count, 3) a stiffness for free nodes that nothing in the assembled blocks holds, such as one amid slack triangles.

@@ -70,7 +70,7 @@ def rim_moves(structure: Structure, one: Water) -> bool:
     frames = np.broadcast_to(np.eye(3), (*nodes.shape, 3, 3))
     if structure.node_frame is not None:
         frames = structure.node_frame[nodes]
-    ways = (np.where(structure.node_held[nodes], 0.0, 1.0)[..., None] * frames).reshape(len(nodes), 6, 3)
+    ways = (np.where(structure.node_fixed[nodes], 0.0, 1.0)[..., None] * frames).reshape(len(nodes), 6, 3)
     edge = mesh.points[nodes[:, 1]] - mesh.points[nodes[:, 0]]
     edge /= np.linalg.norm(edge, axis=1, keepdims=True)
     span = np.concatenate([ways, edge[:, None]], axis=1)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,20 @@ RANK_TOLERANCE = 1e-9
 SAME_DIRECTION = 1e-6
 
 
+class Clamp(NamedTuple):
+    """A rigid part: one of its nodes, a point of it, and which displacements of that and rotations, (2, 3), are held."""
+
+    node: int
+    point: NDArray[np.float64]
+    held: NDArray[np.bool_]
+
+
 def rigid_motions_left(
     mesh: Mesh,
     node_fixed: NDArray[np.bool_],
     node_frame: NDArray[np.float64] | None = None,
     ties: NDArray[np.integer[Any]] | None = None,
+    clamps: Sequence[Clamp] = (),
 ) -> list[str]:
     """Describe in words every rigid motion the held degrees of freedom do not prevent, for each connected part.
 
@@ -32,6 +42,7 @@ def rigid_motions_left(
     :param node_frame: (node_count, 3, 3) rows are each node's own axes, which ``node_fixed`` then refers to; x, y, z when None.
     :param ties: (n, 2) nodes that something beside the triangles joins; how a chain of them can move in itself is not told,
         nor how a part of ties alone can turn: what is hung up swings, and its load decides where.
+    :param clamps: what is held of rigid parts, beside single nodes.
     :return: for example ``translation along x`` or ``rotation about z through (0, 0, 0)``; empty when all is held.
     :raises InputError: ``node_fixed`` has another shape.
     """
@@ -48,20 +59,33 @@ def rigid_motions_left(
     for nodes in parts:
         which = "" if len(parts) == 1 else f" of the part with node {nodes[0]} ({len(nodes)} nodes)"
         frames = np.eye(3)[None] if node_frame is None else node_frame[nodes]
-        turns = bool(in_triangle[nodes].any())
-        told += [f"{motion}{which}" for motion in _motions(mesh.points[nodes], fixed[nodes], frames, turns=turns)]
+        here = [one for one in clamps if label[one.node] == label[nodes[0]]]
+        turns = bool(here) or bool(in_triangle[nodes].any())
+        told += [f"{motion}{which}" for motion in _motions(mesh.points[nodes], fixed[nodes], frames, here, turns=turns)]
     return told
 
 
 def _motions(
-    points: NDArray[np.float64], fixed: NDArray[np.bool_], frames: NDArray[np.float64], *, turns: bool
+    points: NDArray[np.float64],
+    fixed: NDArray[np.bool_],
+    frames: NDArray[np.float64],
+    clamps: Sequence[Clamp],
+    *,
+    turns: bool,
 ) -> list[str]:
     held = fixed.any(axis=1)
+    pinned = np.array([*points[held], *(one.point for one in clamps if one.held.any())])
     frames = np.broadcast_to(frames, (len(points), 3, 3))
     # Rotations are taken about the middle of the held nodes, so that a pinned node is named as it is.
-    origin = points[held].mean(axis=0) if held.any() else points.mean(axis=0)
+    origin = pinned.mean(axis=0) if len(pinned) else points.mean(axis=0)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    free = _null_space(_held_modes((points[held] - origin) / size, fixed[held], frames[held]))
+    rows = [_held_modes((points[held] - origin) / size, fixed[held], frames[held])]
+    for one in clamps:
+        rows += [
+            _held_modes((one.point - origin)[None] / size, one.held[:1], np.eye(3)[None]),
+            np.eye(6)[3:][one.held[1]],
+        ]
+    free = _null_space(np.concatenate(rows))
     free = _that_move((points - origin) / size, free)
     translations = free @ _null_space(free[3:])
     told = [f"translation along {_direction(t)}" for t in _readable_basis(translations[:3])]

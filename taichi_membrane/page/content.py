@@ -130,8 +130,7 @@ def _marks(pack: Pack, result: RunResult, radius: float) -> dict[str, Any]:
     """Elements that may carry a wrinkle line, supported nodes, and loads with the nodes that carry an arrow."""
     scene, mesh, steps = result.scene, result.mesh, result.steps
     middles = mesh.points[mesh.triangles].mean(axis=1)
-    named = [*(one.group for one in [*scene.supports, *scene.motions.values()]), *scene.anchors]
-    holding = [mesh.node_groups[name] for name in named]
+    holding = [mesh.node_groups[group] for group, _ in scene.holding]
     supported = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *holding]))
     loads = []
     for name in scene.loads:

@@ -81,8 +81,7 @@ def _checks(result: RunResult) -> Table:
 def _reactions(result: RunResult) -> Table:
     """Sum of the support forces of each held group, at each converged step."""
     scene, mesh, force = result.scene, result.mesh, result.scene.units.force
-    holding = [*scene.supports, *scene.motions.values(), *scene.springs.values()]
-    groups = list(dict.fromkeys([*(one.group for one in holding), *scene.anchors]))
+    groups = list(dict.fromkeys(group for group, _ in scene.holding))
     rows, steps = [], []
     for number, step in enumerate(result.steps):
         if not step.converged:
@@ -115,14 +114,6 @@ def _at_rest(result: RunResult) -> Table:
 
 
 def _supports(result: RunResult) -> Table:
-    scene = result.scene
-    rows = [[one.group, f"held in {one.hold}" if one.hold else f"held along {one.normal}"] for one in scene.supports]
-    rows += [[one.group, f"motion {name}: {one.kind} in {one.hold}"] for name, one in scene.motions.items()]
-    rows += [[name, "anchor: held in xyz"] for name in scene.anchors]
-    rows += [
-        [one.group, f"spring {name}: {one.stiffness} {scene.units.force}/{scene.units.length}"]
-        for name, one in scene.springs.items()
-    ]
     return Table("supports-given", "Supports and motions", ["group of nodes", "what is held"], rows)
 
 

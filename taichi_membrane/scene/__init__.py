@@ -8,7 +8,17 @@ from taichi_membrane.scene.base import (
 )
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.fabric import Fabric
-from taichi_membrane.scene.loads import AnyLoad, Load, Pressure, SnowLoad, WaterLoad, WeightLoad, WindLoad, WindTable
+from taichi_membrane.scene.loads import (
+    AnyLoad,
+    BodyLoad,
+    Load,
+    Pressure,
+    SnowLoad,
+    WaterLoad,
+    WeightLoad,
+    WindLoad,
+    WindTable,
+)
 from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import (
     AnnulusShape,
@@ -26,6 +36,7 @@ from taichi_membrane.scene.mesh_source import (
 from taichi_membrane.scene.models import Check, Group, Scene, Units
 from taichi_membrane.scene.probe import (
     AreaProbe,
+    BodyProbe,
     CableProbe,
     DisplacementProbe,
     FactorProbe,
@@ -41,6 +52,9 @@ from taichi_membrane.scene.probe import (
 from taichi_membrane.scene.solver import Modes, Solver
 from taichi_membrane.scene.stage import Stage
 from taichi_membrane.scene.support import (
+    Body,
+    BodyRotation,
+    BodyTranslation,
     Components,
     Motion,
     Rotation,
@@ -53,6 +67,11 @@ __all__ = [
     "AnyLoad",
     "ArchShape",
     "AreaProbe",
+    "Body",
+    "BodyLoad",
+    "BodyProbe",
+    "BodyRotation",
+    "BodyTranslation",
     "Cable",
     "CableProbe",
     "Camera",

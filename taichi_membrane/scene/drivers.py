@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from taichi_membrane.scene.support import Rotation, Translation
+from taichi_membrane.scene.support import BodyRotation, Rotation
 
 if TYPE_CHECKING:
     from taichi_membrane.scene.loads import AnyLoad, Pressure
     from taichi_membrane.scene.models import Scene, Units
     from taichi_membrane.scene.stage import Stage
+    from taichi_membrane.scene.support import Motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +57,9 @@ def _load_unit(units: Units, load: AnyLoad) -> str:
         return f"{units.force}/{units.area}"
     if load.kind == "water":
         return units.length
-    if load.kind in ("weight", "wind") or not math.isclose(math.hypot(*(load.towards or ())), 1.0, rel_tol=1e-6):
+    if load.kind in ("weight", "wind", "body") or not math.isclose(
+        math.hypot(*(load.towards or ())), 1.0, rel_tol=1e-6
+    ):
         return ""
     return units.force + {"total": "", "line": f"/{units.length}", "area": f"/{units.area}"}[load.kind]
 
@@ -69,17 +72,17 @@ def _load_words(load: AnyLoad) -> str:
         return f"wind on the {load.face} of {load.acts_on}, q = {load.q:g}"
     if load.kind == "water":
         return f"liquid at the {load.face} of {load.acts_on}, of weight {load.specific_weight:g} per volume"
-    return f"{load.kind} on {load.acts_on}"
+    return f"{'force and moment' if load.kind == 'body' else load.kind} on {load.acts_on}"
 
 
 def _load_scaled(load: AnyLoad) -> str:
     """What a load's factor without a unit multiplies."""
-    return {"weight": "weight", "wind": "q"}.get(load.kind, "direction")
+    return {"weight": "weight", "wind": "q", "body": "force and moment"}.get(load.kind, "direction")
 
 
-def _motion_unit(units: Units, motion: Translation | Rotation) -> str:
+def _motion_unit(units: Units, motion: Motion) -> str:
     """Of a motion's factor; empty where a translation's direction is no unit vector."""
-    if not isinstance(motion, Translation):
+    if isinstance(motion, Rotation | BodyRotation):
         return "°"
     return units.length if math.isclose(math.hypot(*motion.direction), 1.0, rel_tol=1e-6) else ""
 

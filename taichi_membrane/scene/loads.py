@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Positive, Record, Vector
+from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Name, Positive, Record, Vector
 
 Groups = GroupName | Annotated[list[GroupName], Field(max_length=MOST)]
 
@@ -210,12 +210,52 @@ class WaterLoad(Record):
         return None
 
 
+class BodyLoad(Record):
+    """A force and a moment on a rigid body, at factor 1; stages multiply them.
+
+    The force keeps its direction and stays at its point of the body. A ``dead`` moment is that of forces at the body's nodes that
+    keep their directions: it is ``moment`` while the body has not turned, and falls with the cosine of an angle about itself. An
+    ``axial`` one keeps size and direction, which has a potential only where its axis is the one that the body may turn about; its
+    energy counts angles from -180 to 180 degrees.
+    """
+
+    kind: Literal["body"]
+    """A force and a moment on a rigid body."""
+    body: Name
+    """Name of the body."""
+    force: Vector = (0.0, 0.0, 0.0)
+    """Force at factor 1 [force]."""
+    at: Vector | None = None
+    """Point of the unstressed body at which the force acts [length], in the plane or line of nodes that lie in one; the centre
+    without it."""
+    moment: Vector = (0.0, 0.0, 0.0)
+    """Moment at factor 1, right-handed [force · length]."""
+    couple: Literal["dead", "axial"] = "dead"
+    """What the moment does where the body turns: ``dead`` as forces that keep their directions, ``axial`` stays as it is."""
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not any(self.force) and not any(self.moment):
+            raise ValueError("give a force or a moment other than zero")
+        return self
+
+    @property
+    def acts_on(self) -> str:
+        """Groups that it acts on, in words."""
+        return self.body
+
+    @property
+    def towards(self) -> tuple[float, float, float] | None:
+        """The direction that it is given by, if any."""
+        return self.force if any(self.force) else self.moment
+
+
 def _with_kind(item: Any) -> Any:
     """A load that names no kind is a total."""
     return {"kind": "total", **item} if isinstance(item, Mapping) and "kind" not in item else item
 
 
 AnyLoad = Annotated[
-    Annotated[Load | WeightLoad | SnowLoad | WindLoad | WaterLoad, Field(discriminator="kind")],
+    Annotated[Load | WeightLoad | SnowLoad | WindLoad | WaterLoad | BodyLoad, Field(discriminator="kind")],
     BeforeValidator(_with_kind),
 ]

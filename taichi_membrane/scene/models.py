@@ -16,13 +16,13 @@ from taichi_membrane.scene import drivers
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record, Vector
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.fabric import Fabric
-from taichi_membrane.scene.loads import AnyLoad, Pressure, SnowLoad, WeightLoad
+from taichi_membrane.scene.loads import AnyLoad, BodyLoad, Pressure, SnowLoad, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import MeshSource
-from taichi_membrane.scene.probe import CableProbe, FactorProbe, Probe
+from taichi_membrane.scene.probe import BodyProbe, CableProbe, FactorProbe, Probe
 from taichi_membrane.scene.solver import Modes, Solver
 from taichi_membrane.scene.stage import Stage
-from taichi_membrane.scene.support import Motion, Support
+from taichi_membrane.scene.support import Body, BodyRotation, BodyTranslation, Motion, Support
 
 DIFFERENTIABLE = ("displacement", "radius", "rotation", "volume")  # kinds of probes that derivatives exist for
 _FEW = Field(max_length=MOST)
@@ -133,6 +133,8 @@ class Scene(Record):
     """Springs from nodes to the ground, by name."""
     planes: Annotated[dict[Name, Plane], Field(max_length=8)] = {}
     """Planes that nodes touch and do not pass, by name."""
+    bodies: Annotated[dict[Name, Body], _FEW] = {}
+    """Node groups that move as rigid bodies, by name."""
     supports: Annotated[list[Support], _FEW] = []
     """What is held."""
     pressures: Annotated[dict[Name, Pressure], _FEW] = {"inside": Pressure()}
@@ -200,6 +202,7 @@ class Scene(Record):
             raise ValueError("modes and derivatives need the tangent of solver.kind 'hybrid' or 'newton'")
         self._check_planes()
         self._check_cable_points()
+        self._check_bodies()
         if self.curve is not None:
             allowed = [*self.probes, "volume", "pressure", *drivers.driver_names(self)]
             _known(self.curve.x, allowed, "curve.x", "a quantity")
@@ -254,6 +257,31 @@ class Scene(Record):
                     raise ValueError(f"joints.{name}: anchors.{name} has the name already")
                 if not any(name in (cable.nodes or ()) for cable in self.cables.values()):
                     raise ValueError(f"{table}.{name}: no cable has it among its nodes")
+
+    def _check_bodies(self) -> None:
+        """Refuse bodies that are not there, and what is not implemented with them."""
+        for table in ("loads", "motions", "probes"):
+            for name, item in getattr(self, table).items():
+                if isinstance(item, BodyLoad | BodyTranslation | BodyRotation | BodyProbe):
+                    _known(item.body, self.bodies, f"{table}.{name}.body", "a body")
+        if self.bodies:
+            told = "is not implemented for a scene with bodies"
+            if self.planes:
+                raise ValueError(f"planes: contact {told}")
+            if self.modes is not None and self.modes.kind == "vibration":
+                raise ValueError(f"modes.kind = 'vibration' {told}, which have no masses")
+
+    @property
+    def holding(self) -> list[tuple[str, str]]:
+        """Group of nodes and what is held or prescribed, in words, of each support, body and motion."""
+        found = [
+            (one.group, f"held in {one.hold}" if one.hold else f"held along {one.normal}") for one in self.supports
+        ]
+        found += [(name, f"rigid, held {one.told}") for name, one in self.bodies.items() if one.told]
+        found += [(one.group, f"motion {name}: {one.kind} in {one.hold}") for name, one in self.motions.items()]
+        found += [(name, "anchor: held in xyz") for name in self.anchors]
+        unit = f"{self.units.force}/{self.units.length}"
+        return found + [(one.group, f"spring {name}: {one.stiffness} {unit}") for name, one in self.springs.items()]
 
     def _check_closed(self, stage: Stage) -> None:
         """Refuse a stage that shuts a valve it cannot shut."""

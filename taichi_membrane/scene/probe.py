@@ -138,6 +138,20 @@ class CableProbe(Record):
     """Extreme force, or the mean over its length in the mesh."""
 
 
+class BodyProbe(Record):
+    """What a rigid body does: displacement of its centre, rotation, and what its supports and motions push with."""
+
+    kind: Literal["body"]
+    """Of a rigid body."""
+    body: Name
+    """Name of the body."""
+    of: Literal["displacement", "rotation", "force", "moment"]
+    """``displacement`` of the centre [length], ``rotation`` as a vector along its axis [degrees, up to 180], or resultant
+    ``force`` [force] and ``moment`` about the present centre [force · length] of what holds and moves the body."""
+    component: Literal["x", "y", "z", "magnitude"]
+    """Along an axis, or its magnitude."""
+
+
 Probe = Annotated[
     DisplacementProbe
     | ReactionProbe
@@ -149,6 +163,7 @@ Probe = Annotated[
     | ResultantProbe
     | FactorProbe
     | AreaProbe
-    | CableProbe,
+    | CableProbe
+    | BodyProbe,
     Field(discriminator="kind"),
 ]

@@ -1,4 +1,4 @@
-"""What holds or moves a structure: supports and prescribed motions."""
+"""What holds or moves a structure: supports, rigid bodies and prescribed motions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from taichi_membrane.scene.base import Direction, GroupName, Record, Vector
+from taichi_membrane.scene.base import Direction, GroupName, Name, Record, Vector
 
 
 def _distinct(value: str) -> str:
@@ -70,4 +70,83 @@ class Rotation(Record):
     """Components that are prescribed; the others stay free."""
 
 
-Motion = Annotated[Translation | Rotation, Field(discriminator="kind")]
+class Body(Record):
+    """A node group that moves as one rigid body: an end plate, a ring, a mast, an anchor.
+
+    It has six freedoms, the displacement of its centre and a rotation of any size; nodes on a line, as of a mast, have none about
+    it. Its nodes have no supports and motions of their own. A body is a node group of its name, too.
+    """
+
+    group: GroupName | None = None
+    """Node group that is rigid."""
+    lines: GroupName | None = None
+    """Group of line elements whose nodes are rigid, in place of ``group``; their loose points become nodes."""
+    centre: Vector | None = None
+    """Point whose displacement ``hold`` refers to and that rotations leave in place [length]; the mean of the nodes without it."""
+    hold: Components | None = None
+    """Which displacements of the centre are held."""
+    turn_hold: Components | None = None
+    """About which of x, y, z rotations are held: two, so that it turns about the third alone, or all."""
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.group is None) == (self.lines is None):
+            raise ValueError("give either group (of nodes) or lines (a group of line elements)")
+        if self.turn_hold is not None and len(self.turn_hold) == 1:
+            raise ValueError(
+                f"turn_hold = {self.turn_hold!r}: finite rotations about two axes make one about the third, so that none can be "
+                "held alone; hold two, or all"
+            )
+        return self
+
+    @property
+    def told(self) -> str:
+        """What is held, in words; nothing where nothing is."""
+        parts = [f"in {self.hold}"] if self.hold else []
+        return " and ".join([*parts, *([f"about {self.turn_hold}"] if self.turn_hold else [])])
+
+
+class BodyTranslation(Record):
+    """A prescribed motion: the named components of a body's centre move by the stage's factor times ``direction``."""
+
+    kind: Literal["body_translation"]
+    """A translation of a rigid body."""
+    body: Name
+    """Name of the body."""
+    direction: Vector
+    """Displacement of the centre at factor 1 [length]."""
+    hold: Components = "xyz"
+    """Components that are prescribed; the others stay free, or held."""
+
+    @property
+    def group(self) -> str:
+        """Group of its nodes."""
+        return self.body
+
+
+class BodyRotation(Record):
+    """A prescribed motion: a body turns by the stage's factor, in degrees, about an axis through its centre; finite angles.
+
+    All its rotations are prescribed; of several such motions of one body the first of the scene comes first. The centre moves as
+    it may.
+    """
+
+    kind: Literal["body_rotation"]
+    """A rotation of a rigid body."""
+    body: Name
+    """Name of the body."""
+    axis: Direction
+    """Direction of the axis, right-handed."""
+
+    @property
+    def group(self) -> str:
+        """Group of its nodes."""
+        return self.body
+
+    @property
+    def hold(self) -> str:
+        """What is prescribed, in words."""
+        return "all rotations"
+
+
+Motion = Annotated[Translation | Rotation | BodyTranslation | BodyRotation, Field(discriminator="kind")]

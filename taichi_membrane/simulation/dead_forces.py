@@ -11,9 +11,10 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.scene import Load, Pressure, Scene, WeightLoad
+from taichi_membrane.scene import BodyLoad, Load, Pressure, Scene, WeightLoad
 from taichi_membrane.scene.drivers import kind_named
 from taichi_membrane.scene.loads import AnyLoad
+from taichi_membrane.simulation.bodies import body_forces
 from taichi_membrane.simulation.chambers import pressure_used
 from taichi_membrane.simulation.groups import group_nodes, group_triangles, pressed_triangles
 from taichi_membrane.simulation.masses import nodal_mass
@@ -46,6 +47,8 @@ def _unit_load(scene: Scene, mesh: Mesh, name: str, load: AnyLoad) -> Floats | N
     if isinstance(load, WeightLoad):
         down = np.array(load.direction) / np.linalg.norm(load.direction)
         return nodal_mass(scene, mesh)[:, None] * (load.g * down)
+    if isinstance(load, BodyLoad):
+        return body_forces(scene, mesh, name, load)
     return _dead_load(mesh, name, load) if isinstance(load, Load) else None
 
 

@@ -11,9 +11,10 @@ from taichi_membrane.mechanics.gas import Gas, ShutChamber
 from taichi_membrane.mechanics.rim import Rim
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
-from taichi_membrane.simulation.load_step import LoadStep, Reached
+from taichi_membrane.simulation.load_step import LoadStep
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
+from taichi_membrane.simulation.reached import Reached
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.stiffest import Stiffest
 from taichi_membrane.simulation.way import Way
@@ -92,7 +93,7 @@ class Equilibrium:
 
     def apply(self, state: LoadState) -> None:
         """Set pressures, loads and prescribed displacements."""
-        if self.model.motions:
+        if self.model.motions or self.model.moved_bodies:
             self.system.set_displacement(self.model.moved(self.system.displacement(), state))
         self.press(state)
 
@@ -100,6 +101,8 @@ class Equilibrium:
         """Set pressures and loads."""
         self.system.set_surface_loads(self.model.surface_values(state))
         self.system.set_loads(self.model.nodal_loads(state))
+        for rigid in self.system.rigid:
+            rigid.set_moments(self.model.body_moments(state))
         if self.gas is not None:
             self.gas.settle()
 
@@ -176,7 +179,7 @@ class Equilibrium:
 
     def trouble(self) -> str:
         """Where the present state, which is no equilibrium, is worst: nodes out of balance and the element strained most."""
-        force = np.where(self.model.structure.node_held, 0.0, self.system.in_frames(self.system.out_of_balance()))
+        force = np.where(self.model.structure.node_held, 0.0, self.system.balance())
         size = np.linalg.norm(force, axis=1)
         lost = np.flatnonzero(~np.isfinite(size))
         if lost.size:
@@ -296,8 +299,7 @@ class Equilibrium:
         called_up = float(np.linalg.norm(system.out_of_balance()))
 
         def now() -> float:
-            force = system.in_frames(system.out_of_balance())
-            carried = float(np.linalg.norm(np.where(held, force, 0.0)))
+            carried = float(np.linalg.norm(np.where(held, system.balance(), 0.0)))
             least = called_up if carried <= self.tolerance * called_up else 0.0
             return max(carried, floor, least) or 1.0
 

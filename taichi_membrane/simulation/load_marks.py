@@ -6,7 +6,7 @@ import numpy as np
 
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.scene import Load, Scene, WaterLoad, WeightLoad
+from taichi_membrane.scene import BodyLoad, Load, Scene, WaterLoad, WeightLoad
 from taichi_membrane.simulation.surface_loads import surface_loads_of
 
 # A resultant that is this share of the sum of the forces' sizes is round-off.
@@ -25,6 +25,8 @@ def load_marks(scene: Scene, mesh: Mesh, name: str) -> tuple[Ints, Floats] | Non
         if load.kind == "area":
             return np.unique(mesh.triangles[mesh.tri_groups[load.group]]), np.array(load.direction)
         return np.asarray(mesh.node_groups[load.group]), np.array(load.direction)
+    if isinstance(load, BodyLoad):
+        return (np.asarray(mesh.node_groups[load.body]), np.array(load.force)) if any(load.force) else None
     highest = max((stage.loads.get(name, 0.0) for stage in scene.stages), key=abs) or 1.0
     force = surface_loads_of(scene, mesh, unused=True).at_rest(name, highest if isinstance(load, WaterLoad) else 1.0)
     size, total = np.linalg.norm(force, axis=1), force.sum(axis=0)

@@ -7,13 +7,13 @@ that nothing can be compared with. Each transition is a passage of the trace.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichi_membrane.simulation.load_state import LoadState
-from taichi_membrane.simulation.policy import POLICY, Event, Passage, Policy, Trace
+from taichi_membrane.simulation.policy import POLICY, Event, Passage, Policy
+from taichi_membrane.simulation.reached import Reached
 from taichi_membrane.simulation.stiffest import Stiffest
 from taichi_membrane.simulation.way import Rest
 from taichi_membrane.solvers.path import Path, PathEnd, PathPoint, Seen, follow
@@ -31,23 +31,6 @@ _NEARER = 4.0
 # Largest stress over the modulus that is none: rounding of a side's length leaves 1e-15, and a mesh that has not moved has exactly
 # none, so that no verdict hangs on the size between these and the strains of a load, 1e-3 in an inflated tube.
 _NO_STRESS = 1e-13
-
-
-@dataclass(frozen=True, eq=False)
-class Reached:
-    """What a step from one load state towards another came to.
-
-    :param reached: share of the step at which the membrane now is in equilibrium; 1 when the step is done.
-    :param limit: shares of the step that bracket the largest stable load, where the path has a limit.
-    :param trouble: where no equilibrium was found, what was worst in the last state that was tried.
-    :param trace: what the step went through, at shares of it.
-    """
-
-    record: SolveRecord
-    reached: float
-    limit: tuple[float, float] | None = None
-    trouble: str = ""
-    trace: Trace = ()
 
 
 class LoadStep:
@@ -84,6 +67,8 @@ class LoadStep:
             self.equilibrium.reference(self.way.after)
         )
         origin = self.way.rest(0.0) if balanced else None
+        if origin is not None and origin.stable and self.system.rigid and self.way.stays(origin):
+            return self._stand(origin)
         if origin is None or not origin.stable or origin.stiffness is None or self.system.planes:
             return self._direct()  # planes are rigid, but springs in the tangent, which foretells nothing then
         return self._walk(origin)
@@ -219,7 +204,7 @@ class LoadStep:
             shortest=self.policy.shortest,
             progress=self._progress,
         )
-        self.records.append(walked(end))
+        self.records.append(end.record())
         if end.reason == "target":
             return self._land(path, end)
         if end.upper is None or self.equilibrium.relieved(
@@ -239,7 +224,7 @@ class LoadStep:
         assert beyond is not None
         for _ in range(self.policy.landings):
             share = (1.0 - last.factor) / (beyond.factor - last.factor)
-            self.system.set_displacement(last.position + share * (beyond.position - last.position))
+            self.system.set_displacement(self.system.between(last.position, beyond.position, share))
             found = self._solve(1.0)
             if found is not None and not found.negative and self._compare(self.way.of_point(last), found) != "jump":
                 self._pass("target", 1.0)
@@ -299,6 +284,39 @@ class LoadStep:
                 return found
         return None
 
+    # ---- where the load moves nothing
+
+    def _stand(self, a: Rest) -> Reached:
+        """At the same place, such as of a mast that is pushed along itself: stability alone can be lost."""
+        lower, upper = self.way.stable_share(a, self.policy.shortest)
+        if upper is None:
+            self._pass("load control", 1.0)
+            self._settle(1.0, relax=False)
+            return self._done(self.way.rest(1.0))
+        self._pass("bifurcation", upper)
+        if (branch := self._beside(a, upper)) is not None:
+            self._pass("branch", branch.share)
+            return self._walk(branch) if branch.share < 1.0 else self._direct()
+        if self.snaps:
+            return self._direct()
+        self.system.set_displacement(a.position)
+        self._settle(lower, relax=False)
+        return Reached(joined(*self.records), lower, (lower, upper), trace=tuple(self.trace))
+
+    def _beside(self, a: Rest, upper: float) -> Rest | None:
+        """A stable branch just above a bifurcation: one that comes nearer with the load, as the square root of it or faster."""
+        found: list[Rest] = []
+        for height in (1.0, 1.0 / _NEARER):
+            self.system.set_displacement(a.position)
+            self.way.press(upper)
+            self.newton.disturb()
+            one = self._solve(upper + height * self.policy.above * self.way.load(upper))
+            if one is None or not one.stable:
+                return None
+            found.append(one)
+        far, near = (float(np.linalg.norm(one.position - a.position)) for one in found)
+        return found[0] if near <= 0.5 * (1.0 + _NEARER**-0.5) * far else None
+
     # ---- relaxation
 
     def _relaxed(self, a: Rest) -> Rest | None:
@@ -332,7 +350,7 @@ class LoadStep:
         self.system.set_displacement(end.last.position)
         self.way.press(end.last.factor)
         return Reached(
-            joined(*self.records, walked(end, again=True)),
+            joined(*self.records, end.record(again=True)),
             end.last.factor,
             (end.last.factor, end.upper),
             trace=tuple(self.trace),
@@ -376,18 +394,3 @@ class LoadStep:
 
     def _pass(self, event: Event, share: float) -> None:
         self.trace.append(Passage(event=event, share=share))
-
-
-def walked(end: PathEnd, *, again: bool = False) -> SolveRecord:
-    """Record of following a path. Where it loses its stability the last point before is an equilibrium that may be kept.
-
-    :param again: its iterations are counted already.
-    """
-    return SolveRecord(
-        converged=end.reason in ("limit", "bifurcation"),
-        reason=end.reason,
-        iterations=0 if again else end.iterations,
-        residual=end.last.residual,
-        seconds=0.0,
-        method="arc length",
-    )

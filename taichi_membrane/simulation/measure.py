@@ -103,8 +103,8 @@ class Measure:
 
     def _present(self, displacement: Floats) -> Present:
         """The system's present state, downloaded."""
-        local = self.system.in_frames(-self.system.out_of_balance())
-        reaction = self.system.from_frames(np.where(self.model.structure.node_held, local, 0.0))
+        local = -self.system.balance()
+        reaction = self.system.spread(np.where(self.model.structure.node_held, local, 0.0))
         if self.system.springs is not None:
             reaction = reaction + self.system.springs.forces(displacement)
         return Present(

@@ -12,15 +12,17 @@ from taichi_membrane.scene import Cable, Scene
 from taichi_membrane.simulation.groups import group_nodes
 
 
-def with_line_nodes(scene: Scene, mesh: Mesh) -> Mesh:
-    """The mesh with the loose points that cables use as nodes.
+def with_member_nodes(scene: Scene, mesh: Mesh) -> Mesh:
+    """The mesh with the loose points that cables and rigid bodies use as nodes.
 
     :raises InputError: no such group of lines.
     """
-    for name, cable in scene.cables.items():
-        if cable.lines is not None:
-            _check_lines(cable.lines, mesh, f"cables.{name}.lines")
-            mesh = meshes.with_line_nodes(mesh, cable.lines)
+    users = {f"cables.{name}": cable.lines for name, cable in scene.cables.items()}
+    users |= {f"bodies.{name}": body.lines for name, body in scene.bodies.items()}
+    for key, lines in users.items():
+        if lines is not None:
+            _check_lines(lines, mesh, f"{key}.lines")
+            mesh = meshes.with_line_nodes(mesh, lines)
     return mesh
 
 

@@ -17,6 +17,7 @@ from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Fabric, Scene, VolumeProbe
+from taichi_membrane.simulation.bodies import PrescribedBody, bodies_of, moments_of, with_body_groups
 from taichi_membrane.simulation.chambers import Chamber, chambers_of, sides
 from taichi_membrane.simulation.dead_forces import unit_forces_of
 from taichi_membrane.simulation.fabrics import fabric_list, fabrics_of, warp_directions
@@ -28,7 +29,7 @@ from taichi_membrane.simulation.members import (
     ropes_of,
     springs_of,
     with_cable_nodes,
-    with_line_nodes,
+    with_member_nodes,
 )
 from taichi_membrane.simulation.results import ProbeFunction
 from taichi_membrane.simulation.supports import PrescribedMotion, held_by_springs, held_components, motions_of
@@ -60,6 +61,8 @@ class Model:
     :param surface: winds, loads per plan area and liquids.
     :param unit_forces: (n, 3) dead nodal forces at value 1 of each driver that has some, by names such as ``load.tip``.
     :param motions: prescribed motions of node groups.
+    :param moved_bodies: rigid bodies of which a motion prescribes something.
+    :param unit_moments: (bodies, 3) moments about fixed axes at value 1 of each driver that has some.
     :param own_probes: what is measured at every load step beside the scene's probes, by name.
     """
 
@@ -69,6 +72,8 @@ class Model:
     surface: SurfaceLoads
     unit_forces: Mapping[str, Floats]
     motions: Mapping[str, PrescribedMotion]
+    moved_bodies: tuple[PrescribedBody, ...] = ()
+    unit_moments: Mapping[str, Floats] = field(default_factory=dict)
     own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
 
     def fabric_names(self) -> list[tuple[str, Fabric]]:
@@ -136,7 +141,16 @@ class Model:
             target = motion.displacement(self.structure.mesh.points, state.values[f"motion.{name}"])
             for c in motion.components:
                 result[motion.nodes, c] = target[:, c]
+        for one in self.moved_bodies:
+            result[one.body.nodes] = one.displaced(displacement, state.values)
         return result
+
+    def body_moments(self, state: LoadState) -> Floats:
+        """(bodies, 3) moments about fixed axes of all drivers."""
+        total = np.zeros((len(self.structure.bodies), 3))
+        for driver, unit in self.unit_moments.items():
+            total += state.values[driver] * unit
+        return total
 
     def surface_values(self, state: LoadState) -> Floats:
         """Values of all loads on the surface: each follower pressure, then winds, loads per plan area, levels of liquids."""
@@ -154,6 +168,8 @@ class Model:
             acting.append(state.values[f"load.{name}"] * force)
         for name in self.surface.waters:
             acting.append(self.surface.at_rest(name, state.values[f"load.{name}"]))
+        for body, moment in zip(structure.bodies, self.body_moments(state), strict=True):
+            acting.append(moment / body.radius)
         return float(np.sqrt(sum(np.vdot(force, force) for force in acting)))
 
     @cached_property
@@ -187,11 +203,12 @@ def with_scene_groups(scene: Scene, mesh: Mesh) -> Mesh:
 
     :raises InputError: a condition that cannot be read or that nothing meets; a name that is taken.
     """
-    mesh = with_line_nodes(scene, mesh)
+    mesh = with_member_nodes(scene, mesh)
     chosen: dict[str, dict[str, Ints]] = {"nodes": {}, "elements": {}}
     for name, group in scene.groups.items():
         chosen[group.kind][name] = meshes.select(mesh, group.where, kind=group.kind, key=f"groups.{name}.where")
-    return with_cable_nodes(scene, meshes.with_groups(mesh, chosen["nodes"], chosen["elements"]))
+    mesh = with_cable_nodes(scene, meshes.with_groups(mesh, chosen["nodes"], chosen["elements"]))
+    return with_body_groups(scene, mesh)
 
 
 def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction] | None = None) -> Model:
@@ -205,12 +222,20 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     chambers = chambers_of(scene, mesh)
     tri_chamber, tri_ahead = sides(chambers, mesh.tri_count)
     surface = surface_loads_of(scene, mesh)
-    unit_forces = unit_forces_of(scene, mesh)
     held, frame = held_components(scene, mesh)
     motions = motions_of(scene, mesh, held, frame)
     cables = cables_of(scene, mesh)
-    ties, springs = line_elements(scene, mesh)[0], springs_of(scene, mesh)
-    left = meshes.rigid_motions_left(mesh, *held_by_springs(held, frame, springs), ties if len(ties) else None)
+    single = held.copy()
+    bodies, moved_bodies = bodies_of(scene, mesh, held, frame)
+    unit_forces = unit_forces_of(scene, mesh)
+    springs = springs_of(scene, mesh)
+    ties = [np.column_stack([one.nodes[:-1], one.nodes[1:]]) for one in bodies]
+    ties.append(line_elements(scene, mesh)[0])
+    clamps = [meshes.Clamp(int(one.nodes[0]), one.centre, one.held) for one in bodies]
+    joined = np.concatenate(ties)
+    left = meshes.rigid_motions_left(
+        mesh, *held_by_springs(single, frame, springs), joined if len(joined) else None, clamps
+    )
     if left:
         raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
     structure = Structure(
@@ -230,6 +255,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         wind=surface.wind,
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),
+        bodies=bodies,
     )
     return Model(
         scene=scene,
@@ -238,6 +264,8 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         surface=surface,
         unit_forces=unit_forces,
         motions=motions,
+        moved_bodies=moved_bodies,
+        unit_moments=moments_of(scene, bodies),
         own_probes=dict(own_probes or {}),
     )
 

@@ -35,7 +35,7 @@ def validate(model: Model) -> None:
             group_triangles(mesh, probe.group, key)
         elif isinstance(probe, scenes.VolumeProbe):
             model.measured(probe)
-        elif not isinstance(probe, scenes.FactorProbe | scenes.CableProbe):
+        elif not isinstance(probe, scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe):
             group_nodes(mesh, probe.group, key)
 
 
@@ -87,11 +87,11 @@ def evaluate(model: Model, fields: FieldValues, swept: Floats, state: LoadState)
             values[name] = rest + float((share * swept[triangles]).sum())
         elif isinstance(probe, scenes.FactorProbe):
             values[name] = state.values[probe.of]
+        elif isinstance(probe, scenes.BodyProbe):
+            values[name] = _component(of_body(model, probe, displacement, reaction), probe.component)
         elif isinstance(probe, scenes.DisplacementProbe):
             mean = displacement[group_nodes(mesh, probe.group, key)].mean(axis=0)
-            values[name] = (
-                float(np.linalg.norm(mean)) if probe.component == "magnitude" else _pick(mean, probe.component)
-            )
+            values[name] = _component(mean, probe.component)
         elif isinstance(probe, scenes.ReactionProbe):
             values[name] = _pick(reaction[group_nodes(mesh, probe.group, key)].sum(axis=0), probe.component)
         elif isinstance(probe, scenes.MomentProbe):
@@ -111,6 +111,21 @@ def evaluate(model: Model, fields: FieldValues, swept: Floats, state: LoadState)
         else:
             values[name] = _over_elements(probe, fields, mesh.tri_areas(), group_triangles(mesh, probe.group, key))
     return values
+
+
+def of_body(model: Model, probe: scenes.BodyProbe, displacement: Floats, reaction: Floats) -> Floats:
+    """(3,) what a probe of a rigid body measures, along x, y, z."""
+    body = model.structure.bodies[list(model.scene.bodies).index(probe.body)]
+    if probe.of == "displacement":
+        return body.pose(displacement)[0] - body.centre
+    if probe.of == "rotation":
+        return np.rad2deg(body.rotation(displacement))
+    forces = reaction[body.nodes]
+    return forces.sum(axis=0) if probe.of == "force" else np.cross(body.present_arms(displacement), forces).sum(axis=0)
+
+
+def _component(vector: Floats, component: str) -> float:
+    return float(np.linalg.norm(vector)) if component == "magnitude" else _pick(vector, component)
 
 
 def _pick(vector: Floats, component: str) -> float:

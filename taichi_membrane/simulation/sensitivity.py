@@ -50,7 +50,10 @@ def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> I
         return np.where(newton.free, system.in_frames(force), 0.0)
 
     for driver, unit in model.unit_forces.items():
-        yield driver, at_free(unit)
+        axial = np.zeros_like(unit)
+        for body, moment in zip(model.structure.bodies, model.unit_moments.get(driver, ()), strict=False):
+            axial[body.carriers[1]] = moment / body.radius
+        yield driver, at_free(unit) + np.where(newton.free, axial, 0.0)
     present = newton.free_force()
     values = system.surface_loads()
     size = float(np.linalg.norm(np.ptp(model.structure.points, axis=0)))

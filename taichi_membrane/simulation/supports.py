@@ -84,6 +84,8 @@ def motions_of(scene: Scene, mesh: Mesh, held: NDArray[np.bool_], frame: Floats 
     """
     motions = {}
     for name, motion in scene.motions.items():
+        if not isinstance(motion, Translation | Rotation):
+            continue  # of bodies
         nodes = group_nodes(mesh, motion.group, f"motions.{name}.group")
         components = tuple("xyz".index(c) for c in motion.hold)
         if frame is not None and np.any(frame[nodes] != np.eye(3)):

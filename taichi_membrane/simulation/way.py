@@ -17,6 +17,8 @@ from taichi_membrane.solvers.path import PathPoint
 # it. Ten times more changes the stiffness of a turned annulus and a pulled tent by 4e-4 at most, ten times less by 6e-6: nothing,
 # against a resolution of 0.1.
 _DIFFERENCE = 1e-6
+# Free forces of a load that are this share of all its forces are round-off.
+_NO_FORCE = 1e-12
 
 Kind = Literal["consistent", "curved", "jump", "unknown"]
 
@@ -120,6 +122,32 @@ class Way:
             return Rest(share=share, position=position, force=force, stiffness=None, negative=None)
         return self._rest(share, position, force, factor.solve(force), factor.negative)
 
+    def stays(self, rest: Rest) -> bool:
+        """Whether the load only changes the stiffness at an equilibrium, which it leaves in balance."""
+        if self.moves:
+            return False
+        self.press(1.0)
+        whole = self.system.balance()
+        self.press(rest.share)
+        whole = (whole - self.system.balance()) / (1.0 - rest.share)
+        return float(np.linalg.norm(rest.force)) <= _NO_FORCE * float(np.linalg.norm(whole))
+
+    def stable_share(self, rest: Rest, resolution: float) -> tuple[float, float | None]:
+        """Bounds, at ``resolution``, of the share up to which a stable equilibrium that stays is stable; 1 and None at all."""
+        lower, upper = rest.share, 1.0
+        if self._stable(rest, upper):
+            return 1.0, None
+        while upper - lower > resolution * self.load(upper):
+            middle = 0.5 * (lower + upper)
+            lower, upper = (middle, upper) if self._stable(rest, middle) else (lower, middle)
+        return lower, upper
+
+    def _stable(self, rest: Rest, share: float) -> bool:
+        self.system.set_displacement(rest.position)
+        self.press(share)
+        factor = self.newton.at_rest()
+        return factor is not None and factor.negative == 0
+
     def of_point(self, point: PathPoint) -> Rest:
         """A point of the path along this way."""
         self.system.set_displacement(point.position)
@@ -155,8 +183,8 @@ class Way:
         """
         position = self.system.displacement()
         middle = 0.5 * (a.share + b.share)
-        self.system.set_displacement(0.5 * (a.position + b.position))
+        self.system.set_displacement(self.system.between(a.position, b.position, 0.5))
         mean = (a.force + 4.0 * self.force(middle) + b.force) / 6.0
         self.system.set_displacement(position)
         self.press(b.share)
-        return float(np.vdot(mean, self.system.in_frames(b.position - a.position)))
+        return float(np.vdot(mean, self.system.difference(a.position, b.position)))

@@ -60,7 +60,7 @@ class Newton:
         self.rim = Rim.of(system.structure)
         self._refusal = ""  # why a linear solution of the present step was refused
         self._skew: Skew | None = None  # of the state that the present step starts from
-        self._kept: tuple[Floats, Floats, Factor] | None = None
+        self._kept: tuple[tuple[Floats, ...], Factor] | None = None
         self._lowest = 0.0
         self._mode: Floats | None = None
 
@@ -128,7 +128,7 @@ class Newton:
 
     def free_force(self) -> Floats:
         """(node_count, 3) out-of-balance forces at free components."""
-        return np.where(self.free, self.system.in_frames(self.system.out_of_balance()), 0.0)
+        return np.where(self.free, self.system.balance(), 0.0)
 
     def factorised(self, *, indefinite: bool = False) -> Factor | None:
         """The present tangent, factorised; see :meth:`.LinearSolver.factorise`."""
@@ -175,9 +175,9 @@ class Newton:
         It is kept, so that a load step that starts from here need not factorise again, nor who asks twice.
         """
         if self._kept is not None and self._is_here(self._kept):
-            return self._kept[2]
+            return self._kept[1]
         factor = self.factorised(indefinite=True)
-        self._kept = None if factor is None else (self.system.displacement(), self.system.surface_loads(), factor)
+        self._kept = None if factor is None else (self.system.tangent_state(), factor)
         return factor
 
     def upload(self) -> None:
@@ -190,13 +190,11 @@ class Newton:
     def _factor_at_rest(self) -> Factor | None:
         """What :meth:`at_rest` kept, where it is still the tangent of this state."""
         kept, self._kept = self._kept, None
-        return kept[2] if kept is not None and self._is_here(kept) else None
+        return kept[1] if kept is not None and self._is_here(kept) else None
 
-    def _is_here(self, kept: tuple[Floats, Floats, Factor]) -> bool:
-        """Whether displacements and pressures are those of a kept factor; dead loads do not enter the tangent."""
-        return np.array_equal(kept[0], self.system.displacement()) and np.array_equal(
-            kept[1], self.system.surface_loads()
-        )
+    def _is_here(self, kept: tuple[tuple[Floats, ...], Factor]) -> bool:
+        """Whether all that the tangent depends on is as it was for a kept factor."""
+        return all(map(np.array_equal, kept[0], self.system.tangent_state()))
 
     def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""

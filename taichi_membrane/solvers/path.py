@@ -16,6 +16,7 @@ import numpy as np
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.solvers.newton import Newton
+from taichi_membrane.solvers.record import SolveRecord
 
 # Sizes of steps are a matter of cost within a factor of ten either way, but where tests/test_policy_rules.py tells a difference.
 # A step that takes few iterations is followed by a longer one, one that takes many by a shorter one.
@@ -119,9 +120,9 @@ class Path:
         the way is then shortened by a point in between.
         """
         for _ in range(_HALVINGS):
-            advance = self.system.in_frames(beyond.position - before.position)
+            advance = self.system.difference(before.position, beyond.position)
             share = (factor - before.factor) / (beyond.factor - before.factor)
-            found = self._balanced(before.position + share * (beyond.position - before.position), factor, advance)
+            found = self._balanced(self.system.between(before.position, beyond.position, share), factor, advance)
             if found is not None:
                 return found
             point = self._correct(before, share * advance)[0]
@@ -172,7 +173,7 @@ class Path:
             if across == 0.0:
                 break  # the path runs across the step: nothing to correct the load by
             change = -float(np.vdot(advance, to_balance)) / across
-            advance = advance + to_balance + change * tangent
+            advance = self.system.composed(advance, to_balance + change * tangent)
             factor += change
         return None, iteration
 
@@ -222,6 +223,20 @@ class PathEnd:
     beyond: PathPoint | None
     iterations: int
     upper: float | None = None
+
+    def record(self, *, again: bool = False) -> SolveRecord:
+        """Record of following the path. Where it loses its stability the last point before is an equilibrium that may be kept.
+
+        :param again: its iterations are counted already.
+        """
+        return SolveRecord(
+            converged=self.reason in ("limit", "bifurcation"),
+            reason=self.reason,
+            iterations=0 if again else self.iterations,
+            residual=self.last.residual,
+            seconds=0.0,
+            method="arc length",
+        )
 
 
 class Seen(NamedTuple):

@@ -22,6 +22,7 @@ import numpy as np
 
 from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.bodies import ORDINARY
 from taichi_membrane.mechanics.nodes import GROUPS
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.system import System
@@ -102,7 +103,7 @@ class Relaxation:
     @ti.func
     def accelerate(self, i, gain, reference):
         """Velocity of node ``i`` half a step on (eq. 18); returns kinetic energy and squared residual over the reference."""
-        force = self.free_part(i, self.system.gathered_force(i))
+        force = self.free_part(i, self.system.acting_force(i))
         self.node_force[i] = force
         mass = self.node_mass[i]
         velocity = self.node_velocity[i] + gain / mass * force
@@ -144,12 +145,24 @@ class Relaxation:
     @ti.func
     def move(self, i, gain):
         """Move node ``i`` by one step (eq. 21), or back to the energy peak and to rest."""
+        for rigid in ti.static(self.system.rigid):
+            rigid.note(i, ti.Vector.zero(self.fp, 3))
         if self.control[None].peak == 1:
             before = self.node_velocity[i] - gain / self.node_mass[i] * self.node_force[i]
-            self.system.add_displacement(i, -self.control[None].back * before)
+            self.shift(i, -self.control[None].back * before)
             self.node_velocity[i] = ti.Vector.zero(self.fp, 3)
         elif self.control[None].status == RUNNING:
-            self.system.add_displacement(i, self.node_velocity[i])
+            self.shift(i, self.node_velocity[i])
+
+    @ti.func
+    def shift(self, i, step):
+        """Add to the displacement of node ``i``, or note the step of the freedoms of a body that it carries."""
+        if ti.static(not self.system.features.bodies):
+            self.system.add_displacement(i, step)
+        for rigid in ti.static(self.system.rigid):
+            if rigid.node_part[i] == ORDINARY:
+                self.system.add_displacement(i, step)
+            rigid.note(i, step)
 
     @ti.kernel
     def _iterate(self, tolerance: float, reference: float):
@@ -157,6 +170,9 @@ class Relaxation:
             ti.loop_config(block_dim=self.system.block_dim)
             for e in range(term.count()):
                 term.store_forces(e)
+        for rigid in ti.static(self.system.rigid):
+            for b in range(rigid.count):
+                rigid.gather(b)
         for block in range(self.system.bounds[None].node_blocks):
             if self.control[None].status == RUNNING:
                 gain = self.control[None].gain
@@ -173,19 +189,32 @@ class Relaxation:
         ti.loop_config(block_dim=self.system.block_dim)
         for i in range(self.system.bounds[None].nodes):
             self.move(i, self.control[None].gain)
+        for rigid in ti.static(self.system.rigid):
+            for b in range(rigid.count):
+                rigid.move(b)
         # The first velocity after a peak is half a step from rest.
         self.control[None].gain = ti.select(self.control[None].peak == 1, 0.5, 1.0)
 
     @ti.kernel
     def _refresh_mass(self, keep_larger: int):
+        if ti.static(self.system.features.bodies):
+            for term in ti.static(self.system.terms):
+                for e in range(term.count()):
+                    term.store_forces(e)
+            for rigid in ti.static(self.system.rigid):
+                for b in range(rigid.count):
+                    rigid.gather(b)
         for term in ti.static(self.system.terms):
             ti.loop_config(block_dim=self.system.block_dim)
             for e in range(term.count()):
                 term.store_bounds(e)
+        for rigid in ti.static(self.system.rigid):
+            for b in range(rigid.count):
+                rigid.gather_mass(b)
         self.control[None].mass_grew = 0
         ti.loop_config(block_dim=self.system.block_dim)
         for i in range(self.system.bounds[None].nodes):
-            mass = self.system.gathered_mass(i)
+            mass = self.system.acting_mass(i)
             if keep_larger == 1:
                 if mass >= _GROWTH * self.node_mass[i]:
                     self.control[None].mass_grew = 1  # whoever writes, it is the same number

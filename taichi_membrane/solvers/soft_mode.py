@@ -34,7 +34,7 @@ def scaled(system: System, mode: Floats) -> Floats:
 
     Sides are averaged with the mode's square: one needle somewhere else counts as little as it moves.
     """
-    structure, moves = system.structure, (mode**2).sum(axis=1)
+    structure, moves = system.structure, (system.from_frames(mode) ** 2).sum(axis=1)
     sides = system.geometry.side_length.mean(axis=1)
     share = moves[structure.mesh.triangles].sum(axis=1)
     nodes, lengths = structure.cable_sides

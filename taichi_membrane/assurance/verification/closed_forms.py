@@ -124,6 +124,12 @@ def inflated_cantilever(
     return load * length**3 / (3.0 * bending) + load * length / (push + shear)
 
 
+def inflated_slope(load: float, *, length: float, radius: float, stiffness: float, nu: float, pressure: float) -> float:
+    """Rotation of the end section of the same tube, F L²/(2 (E + P/S) I); shear and ν have no part in it."""
+    del nu
+    return load * length**2 / (2.0 * math.pi * radius**3 * (stiffness + 0.5 * pressure * radius))
+
+
 def catenoid_neck(ratio: float) -> float:
     """Neck radius c of the stable catenoid between two rings of unit radius at z = ±``ratio``: 1 = c cosh(ratio/c)."""
     # The stable one is the wider: c above that of the tangent from the origin to the hyperbolic cosine.
