@@ -32,7 +32,7 @@ from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 5
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 6
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
 PATH = "path_"  # begins the names of what a stage by arc length goes on from
@@ -245,6 +245,7 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         state=_state(record, fields["displacement"], per_node),
         cable_forces=np.array(list(map(_number, record["cable_forces"]))),
         contact_forces=_numbers(record["contact_forces"]),
+        relieved=_numbers(record["relieved"]),
     )
 
 
@@ -275,7 +276,7 @@ def _state(record: dict[str, Any], displacement: Floats, per_node: Callable[[str
         displacement=displacement,
         drivers=_numbers(record["drivers"]),
         stiffest=float(given["stiffest"]),
-        shut={name: (float(volume), float(pressure)) for name, (volume, pressure) in given["shut"].items()},
+        let_out=_numbers(given["let_out"]),
         path=path,
     )
 

@@ -25,9 +25,11 @@ from taichi_membrane.scene.mesh_source import (
 )
 from taichi_membrane.scene.models import Check, Group, Scene, Units
 from taichi_membrane.scene.probe import (
+    AbsoluteProbe,
     AreaProbe,
     DisplacementProbe,
     FactorProbe,
+    LevelProbe,
     MomentProbe,
     Probe,
     RadiusProbe,
@@ -48,6 +50,7 @@ from taichi_membrane.scene.support import (
 )
 
 __all__ = [
+    "AbsoluteProbe",
     "AnnulusShape",
     "AnyLoad",
     "ArchShape",
@@ -67,6 +70,7 @@ __all__ = [
     "FactorProbe",
     "GivenMesh",
     "Group",
+    "LevelProbe",
     "Load",
     "MeshFile",
     "MeshSource",

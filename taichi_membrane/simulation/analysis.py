@@ -9,7 +9,7 @@ from dataclasses import replace
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
 from taichi_membrane.simulation.equilibrium import Equilibrium, Report
-from taichi_membrane.simulation.load_state import Course, LoadState, stage_target, unloaded
+from taichi_membrane.simulation.load_state import Course, LoadState, stage_target
 from taichi_membrane.simulation.measure import Measure
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
@@ -62,14 +62,14 @@ class Analysis:
 
         :param done: the first load steps, from an earlier analysis, which are not done again.
         """
-        state = unloaded(self.model.scene)
+        state = self.model.unloaded
         number = 0
         for stage in self.model.scene.stages:
             course = Course(state, stage_target(state, stage))
             if done and stage.name == done[-1].stage:
-                self._go_on(done[-1], course)
+                self._go_on(done[-1], stage, course)
             elif number >= len(done):
-                self.equilibrium.shut(stage.closed, state)
+                self.equilibrium.shut(stage)
             run_stage = self._arc_length_stage if stage.control == "arc_length" else self._load_stage
             had = [step for step in done if step.stage == stage.name]
             for result in run_stage(number, stage, course, had, progress):
@@ -88,10 +88,11 @@ class Analysis:
                 return
         self.outcome = "finished"
 
-    def _go_on(self, step: StepResult, course: Course) -> None:
+    def _go_on(self, step: StepResult, stage: Stage, course: Course) -> None:
         """Take over the state that a load step, from an earlier analysis, has handed on."""
-        self.equilibrium.gone_on(step.state.shut)
+        self.equilibrium.shut(stage)
         self.measure.again(step)
+        self.equilibrium.filling.let_out = dict(step.state.let_out)
         self.stiffest.value = step.state.stiffest
         self.stiffest.resume(course.start.change(course.target))
 
@@ -264,8 +265,8 @@ def _missed(stage: Stage, last: StepResult, course: Course) -> Outcome | None:
     """How the run ends where a stage has not come to the end it names; None where it has."""
     if stage.until == "collapse" and last.limit is None:
         return "no collapse"
-    reached = LoadState(last.drivers) == course.target
-    if stage.control == "arc_length" and stage.until == "target" and not reached:
+    path = last.state.path
+    if stage.control == "arc_length" and stage.until == "target" and path is not None and path.factor != 1.0:
         return "steps used up"
     return None
 

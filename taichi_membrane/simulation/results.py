@@ -84,6 +84,8 @@ class StepResult:
     :param state: what it hands to the next step: the run goes on from it.
     :param cable_forces: (cable_count,) force of each cable element, in the scene's order, tension positive.
     :param contact_forces: sum of the forces of each plane on the structure along its normal.
+    :param relieved: amount of gas that the relief valve of each chamber let out in the step, of those that opened, by the name of
+        its pressure, of joined chambers the first one's.
     """
 
     number: int
@@ -110,6 +112,7 @@ class StepResult:
     trace: Trace = ()
     cable_forces: Floats = field(default_factory=lambda: np.zeros(0))
     contact_forces: dict[str, float] = field(default_factory=dict)
+    relieved: dict[str, float] = field(default_factory=dict)
 
     @property
     def stable(self) -> bool | None:
