@@ -78,7 +78,7 @@ def at_readings(scene: Scene, measured: Measured, stage: str | None, probe: str 
     cut = scene.stages[place]
     if cut.control == "arc_length" or cut.until == "collapse" or shut_by(scene, cut) or cut.ambient is not None:
         raise InputError(
-            f"stage {cut.name!r} ends where its path does, has a shut chamber or changes what is outside; readings need one that raises loads"
+            f"stage {cut.name!r} ends where its path does, shuts a chamber or changes ambient; readings need one that raises loads"
         )
     start = _factors(scene, scene.stages[:place])
     end = start | _factors(scene, (cut,))
