@@ -40,7 +40,7 @@ class Pond:
         if self.volume <= 0.0:
             return low
         # From where all is wet, beyond which the volume is linear, down: it is convex over a bowl.
-        full, area = self._held(high, displacement)
+        full, area = self._held(high, displacement)[0], 0.5 * float(self._plan(displacement).sum())
         if full < self.volume:
             if area <= 0.0:
                 return float("inf")
@@ -72,10 +72,14 @@ class Pond:
         corners[one.tri] = share[:, :, None] * directed_areas(one, displacement)[:, None, :]
         return sum_to_nodes(one.mesh, corners.reshape(-1, 3))
 
+    def _plan(self, displacement: Floats) -> Floats:
+        """Twice the plan area of its triangles, less than 0 of those that hang over."""
+        return -(directed_areas(self.one, displacement) @ self.one.up) * self.one.weight[self.one.tri] / self.weight
+
     def _held(self, level: float, displacement: Floats) -> tuple[float, float]:
         """Volume over the wet part at a level, and its plan area."""
         one = self.one
         depth = depths(one.mesh.points, one, level, displacement)
         wet = wet_matrices(depth).sum(axis=2)
-        plan = -(directed_areas(one, displacement) @ one.up) * one.weight[one.tri] / self.weight
+        plan = self._plan(displacement)
         return float(plan @ (wet * depth).sum(axis=1)), float(plan @ wet.sum(axis=1))

@@ -63,7 +63,7 @@ class SurfaceLoads:
         if name in self.waters:
             one = self.waters[name]
             if name in self.volumes:
-                value = self.pond(name, value).level(still) if value > 0.0 else -np.inf
+                value = self.pond(name, value).level(still)
             corners[one.tri] = corner_forces(self.mesh.points, one, value, still)
         else:
             sides = sides_now(self.mesh, still, np.arange(self.mesh.tri_count))
