@@ -131,7 +131,7 @@ def _check_orientation(chamber: Chamber) -> None:
             f"enclose one side; {bad.size} such edges in all. Name in 'group' what has the chamber behind it, in 'against' what "
             "has it before it, in neither what lies inside it"
         )
-    for part in _surfaces(chamber):
+    for part in surfaces(chamber):
         if part.is_closed and part.volume(mesh.points) < -FLAT_BODY * part.area**1.5 and not _within(part, chamber):
             which = (
                 "the chamber is"
@@ -144,8 +144,8 @@ def _check_orientation(chamber: Chamber) -> None:
             )
 
 
-def _surfaces(chamber: Chamber) -> list[Chamber]:
-    """The connected surfaces of a chamber."""
+def surfaces(chamber: Chamber) -> list[Chamber]:
+    """The connected surfaces of a chamber: several of those that are joined for good."""
     corners = chamber.mesh.triangles[chamber.triangles]
     label = node_parts(chamber.table.nodes, chamber.mesh.node_count)[1][corners[:, 0]]
     return [
@@ -158,7 +158,7 @@ def _within(part: Chamber, chamber: Chamber) -> bool:
     """Whether a surface may be the inner one of a chamber: it lies within the box of another that is not inside out."""
     points = chamber.mesh.points
     low, high = (end(points[part.mesh.triangles[part.triangles]], axis=(0, 1)) for end in (np.min, np.max))
-    for other in _surfaces(chamber):
+    for other in surfaces(chamber):
         corners = points[other.mesh.triangles[other.triangles]]
         inside = (corners.min(axis=(0, 1)) < low).all() and (corners.max(axis=(0, 1)) > high).all()
         if inside and other.volume(points) > 0.0:
@@ -173,7 +173,7 @@ def _told(part: Chamber) -> str:
 
 def _check_closed(chamber: Chamber) -> None:
     """Refuse to shut a chamber of which a surface leaves a hole."""
-    parts = _surfaces(chamber)
+    parts = surfaces(chamber)
     for part in parts:
         free = int((part.sense != 0).sum())
         if free:
