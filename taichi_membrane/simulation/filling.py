@@ -78,6 +78,11 @@ class Filling:
             amount = sum(state.values[f"amount.{name}"] for name in names) - self.let_out.get(names[0], 0.0)
             yield replace(chamber, amount=amount, ambient=self.model.outside(state, names[0]))
 
+    def begins(self, before: LoadState, after: LoadState) -> bool:
+        """Whether a liquid of given volume is not there yet before a change, but after it."""
+        drivers = [f"load.{name}" for name in self.waters]
+        return any(before.values[one] == 0.0 and after.values[one] > 0.0 for one in drivers)
+
     def settled(self, state: LoadState) -> LoadState:
         """A load state with the pressures of shut chambers, and the amounts in all, as they now are."""
         values = {**state.values, **self._pressures(state, self.volumes())}
