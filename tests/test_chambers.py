@@ -12,6 +12,7 @@ from rich.console import Console
 from test_gas import AMBIENT, sphere
 
 from taichi_membrane import shapes
+from taichi_membrane.assurance.verification.filled import TUBE_LENGTH, plates_scene, squeezed_tube
 from taichi_membrane.commands.printing import print_model, relief_lines
 from taichi_membrane.errors import InputError
 from taichi_membrane.execution.run import run
@@ -196,72 +197,19 @@ def test_a_run_tells_where_a_relief_valve_opened() -> None:
     )
 
 
-def squeezed_tube(gap: float, around: int) -> Mesh:
-    """A tube of perimeter 2 π, short, its cross-section a stadium of this height between z = ±gap/2, with ends of one node more.
-
-    What is inextensible and cannot bend has no shape of its own: a stadium is a cylinder.
-    """
-    flat = np.pi * (2.0 - gap) / 2.0
-    way = np.arange(around) * 2.0 * np.pi / around
-    half = np.pi * gap / 2.0
-    points = np.zeros((around, 2))
-    for k, s in enumerate(way):
-        side, rest = divmod(s, np.pi)
-        turn = 1.0 if side == 0.0 else -1.0
-        if rest <= half:
-            angle = 2.0 * rest / gap
-            points[k] = turn * (0.5 * flat + 0.5 * gap * np.sin(angle)), -turn * 0.5 * gap * np.cos(angle)
-        else:
-            points[k] = turn * (0.5 * flat - (rest - half)), turn * 0.5 * gap
-    width = 0.2
-    nodes = [np.column_stack([np.full(around, x), points]) for x in (0.0, width)]
-    ends = [[0.0, 0.0, 0.0], [width, 0.0, 0.0]]
-    triangles, n = [], around
-    for k in range(n):
-        m = (k + 1) % n
-        triangles += [(k, m, n + k), (m, n + m, n + k)]
-    wall = len(triangles)
-    triangles += [((k + 1) % n, k, 2 * n) for k in range(n)] + [(n + k, n + (k + 1) % n, 2 * n + 1) for k in range(n)]
-    mesh = np.array(triangles)
-    places = np.concatenate([*nodes, ends])
-    corners = places[mesh]
-    volume = np.linalg.det(corners).sum()
-    mesh = mesh if volume > 0.0 else mesh[:, ::-1]
-    held = {"middles": np.array([2 * n, 2 * n + 1]), "axis": np.flatnonzero(np.abs(places[:, 1]) < 1e-9)}
-    return Mesh.build(places, mesh, held, {"wall": np.arange(wall), "ends": np.arange(wall, len(mesh))})
-
-
 @pytest.mark.parametrize(
     ("gap", "pressure", "force"),
     [(1.9, 1.027569, 0.161410), (1.5, 1.733333, 1.361357), (1.0, 4.666667, 7.330383), (0.5, 15.142857, 35.679517)],
 )
 def test_a_shut_tube_between_plates(gap: float, pressure: float, force: float) -> None:
     """Gas that makes 1 in the free tube, outside 10: p and F/length = p b of the inextensible tube, T = p h/2; within 0.4 %."""
-    amount = np.pi * 0.2 * 1.1
-    normal = [0.0, 0.0, 1.0]
-    scene = Scene.model_validate(
-        {
-            "name": "plates",
-            "units": {"length": "m", "force": "N"},
-            "mesh": {"shape": "given"},
-            "fabrics": {
-                "wall": {"E": 1e6, "nu": 0.0, "thickness": 1.0, "law": "none"},
-                "ends": {"E": 1e-6, "nu": 0.0, "thickness": 1.0, "law": "none"},
-            },
-            "planes": {
-                "floor": {"through": [0.0, 0.0, -0.5 * gap], "normal": normal},
-                "top": {"through": [0.0, 0.0, 0.5 * gap], "normal": [0.0, 0.0, -1.0]},
-            },
-            "supports": [{"group": "all", "hold": "x"}, {"group": "middles", "hold": "yz"}, {"group": "axis", "hold": "y"}],
-            "pressures": {"gas": {"ambient": 10.0}},
-            "stages": [{"name": "blow", "pressure": 1.0}, {"name": "fill", "amount": amount}],
-        }
-    )  # fmt: skip
+    content = {"name": "plates", "units": {"length": "m", "force": "N"}, **plates_scene(gap, 1.0, 10.0)}
+    scene = Scene.model_validate(content)
     result = run(scene, mesh=squeezed_tube(gap, 160))
     assert result.converged, result.steps[-1].reason
     step = result.steps[-1]
     assert step.pressures["gas"] == pytest.approx(pressure, rel=4e-3)
     for push in step.contact_forces.values():
-        assert push / 0.2 == pytest.approx(force, rel=4e-3)
+        assert push / TUBE_LENGTH == pytest.approx(force, rel=4e-3)
     tension = np.median(step.elements.major_resultant[: 2 * 160])
     assert tension == pytest.approx(step.pressures["gas"] * gap / 2.0, rel=5e-3)

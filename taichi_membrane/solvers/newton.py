@@ -87,7 +87,8 @@ class Newton:
         residual, reason, iteration = np.inf, "iteration limit", 0
         for iteration in range(max_iterations + 1):
             force = self.free_force()
-            residual = float(np.linalg.norm(force)) / force_now(reference)
+            with np.errstate(over="ignore", invalid="ignore"):  # of a step that went far astray
+                residual = float(np.linalg.norm(force)) / force_now(reference)
             if report is not None:
                 report(Progress(iteration=iteration, residual=residual, seconds=time.perf_counter() - started))
             if not np.isfinite(residual) or not np.isfinite(energy):

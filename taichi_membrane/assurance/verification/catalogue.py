@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from taichi_membrane.assurance.verification import films, pressure, tubes, wrinkling
+from taichi_membrane.assurance.verification import filled, films, pressure, tubes, wrinkling
 from taichi_membrane.assurance.verification.benchmark import Benchmark
 from taichi_membrane.errors import InputError
 
@@ -24,6 +24,9 @@ CASES: dict[str, Callable[[], Benchmark]] = {
     "catenoid": films.catenoid,
     "scherk": films.scherk,
     "hypar": films.hypar,
+    "balloon": filled.balloon,
+    "plates": filled.plates,
+    "pond": filled.pond,
 }
 
 
