@@ -171,6 +171,7 @@ def test_a_relief_valve_holds_the_pressure_and_what_it_let_out_is_gone() -> None
     assert 1 <= len(opened) < 3
     for step in opened:
         assert step.pressures["gas"] == RELIEF
+        assert step.trace[-1].event == "relief"
         left = step.probes["V"] * ((RELIEF + AMBIENT) / AMBIENT) ** (1 / 1.4)
         assert step.drivers["amount.gas"] == pytest.approx(left, rel=1e-12)
     first, kept = steps[0], steps[3].drivers["amount.gas"]

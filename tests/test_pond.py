@@ -16,6 +16,7 @@ from taichi_membrane.execution.run import run
 from taichi_membrane.mechanics.pond import Pond
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.analysis import Analysis
+from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import build_mesh, build_model
 from taichi_membrane.simulation.results import StepResult
 
@@ -197,14 +198,13 @@ def test_forces_are_the_slope_of_the_energy_and_the_tangent_is_theirs() -> None:
     newton, filling = work.newton, work.equilibrium.filling
     assert newton is not None
     assert filling.contents is not None
-    work.equilibrium.press(work.model.unloaded.toward(work.model.unloaded, 1.0))
-    state = dict(work.model.unloaded.values) | {"pressure.inside": 0.3, "load.water": 1.9}
+    state = LoadState.of(pressure={"inside": 0.3}, load={"water": 1.9})
     rng = np.random.default_rng(0)
     u = np.where(newton.free, 0.05 * rng.standard_normal(newton.free.shape), 0.0)
 
     def at(displacement: np.ndarray) -> tuple[np.ndarray, float]:
         newton.system.set_displacement(displacement)
-        work.equilibrium.press(type(work.model.unloaded)(state))
+        work.equilibrium.press(state)
         energy = newton.system.potential_energy(np.zeros_like(u))[0] + filling.contents.energy()  # type: ignore[union-attr]
         return newton.free_force(), energy
 
@@ -216,7 +216,7 @@ def test_forces_are_the_slope_of_the_energy_and_the_tangent_is_theirs() -> None:
     for _ in range(3):
         way = np.where(newton.free, rng.standard_normal(u.shape), 0.0)
         step = 1e-4
-        energies = [at(u + factor_ * step * way)[1] for factor_ in (-2.0, -1.0, 1.0, 2.0)]
+        energies = [at(u + share * step * way)[1] for share in (-2.0, -1.0, 1.0, 2.0)]
         slope = (energies[0] - 8.0 * energies[1] + 8.0 * energies[2] - energies[3]) / (12.0 * step)
         assert float(np.vdot(force, way)) == pytest.approx(-slope, abs=1e-7 * np.abs(force).max() * np.sqrt(way.size))
         less, more = at(u - 1e-6 * way)[0], at(u + 1e-6 * way)[0]

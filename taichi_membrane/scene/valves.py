@@ -43,28 +43,28 @@ def _check_values(scene: Scene, stage: Stage) -> None:
                 f"stages.{stage.name}.{key} is one number, but there are {len(scene.pressures)} pressures "
                 f"({', '.join(scene.pressures)}); name them: {key} = {{ {next(iter(scene.pressures), 'inside')} = ... }}"
             )
-    for key in ("closed", "amount", "ambient"):
-        given, gases = getattr(stage, key), kind_named("amount").allowed(scene)
-        named: Iterable[str] = scene.pressures if isinstance(given, float) and key == "amount" else ()
-        named = given if isinstance(given, dict | list) else named
-        for name in named:
-            if name not in scene.pressures:
-                told = ", ".join(scene.pressures) or "(none defined)"
-                raise ValueError(
-                    f"stages.{stage.name}.{key}: {name!r} is not a pressure of this scene; allowed: {told}"
-                )
-            if name not in gases:
-                raise ValueError(
-                    f"stages.{stage.name}.{key}: pressures.{name} needs ambient, and kind 'follower', to follow its volume"
-                )
-        if isinstance(given, float) and not gases:
-            raise ValueError(f"stages.{stage.name}.{key}: no pressure of this scene has ambient, which it needs")
+    amounts = kind_named("amount").asked(stage, scene.pressures)
+    _check_gases(scene, f"stages.{stage.name}.closed", stage.closed)
+    _check_gases(scene, f"stages.{stage.name}.amount", amounts)
+    _check_gases(scene, f"stages.{stage.name}.ambient", kind_named("ambient").asked(stage, ()))
+    if isinstance(stage.ambient, float) and not kind_named("ambient").allowed(scene):
+        raise ValueError(f"stages.{stage.name}.ambient: no pressure of this scene has ambient, which it needs")
     for name, value in kind_named("pressure").asked(stage, scene.pressures).items():
         relief = scene.pressures[name].relief if name in scene.pressures else None
         if relief is not None and value > relief:
             raise ValueError(
                 f"stages.{stage.name}.pressure: {value:g}, but pressures.{name}.relief opens at {relief:g}"
             )
+
+
+def _check_gases(scene: Scene, key: str, names: Iterable[str]) -> None:
+    """Refuse names that are not those of chambers with a pressure outside."""
+    for name in names:
+        if name not in scene.pressures:
+            told = ", ".join(scene.pressures) or "(none defined)"
+            raise ValueError(f"{key}: {name!r} is not a pressure of this scene; allowed: {told}")
+        if name not in kind_named("amount").allowed(scene):
+            raise ValueError(f"{key}: pressures.{name} needs ambient, and kind 'follower', to follow its volume")
 
 
 def _check_shut(scene: Scene, stage: Stage, name: str) -> None:

@@ -124,7 +124,9 @@ class Analysis:
 
         def finished(share: float, record: SolveRecord, limit: Limit | None = None) -> StepResult:
             step = self.measure.step(number, stage, k, course, share, record, cuts, started, limit=limit)
-            return replace(step, trace=tuple(trace), state=replace(step.state, stiffest=self.stiffest.value))
+            return replace(
+                step, trace=(*trace, *_relief(step, share)), state=replace(step.state, stiffest=self.stiffest.value)
+            )
 
         while True:
             aim = min(end, reached + size)
@@ -203,7 +205,8 @@ class Analysis:
                 )
             step = self.measure.step(number + k - 1, stage, k, course, point.factor, record, 0, started)
             state = replace(step.state, path=_path_state(point, length))
-            yield replace(step, trace=(Passage(event="path", share=point.factor),), state=state)
+            way = Passage(event="path", share=point.factor)
+            yield replace(step, trace=(way, *_relief(step, point.factor)), state=state)
             started = time.perf_counter()
             if point.factor == 1.0:
                 return
@@ -259,6 +262,11 @@ def _walked(point: PathPoint | None, *, converged: bool = True, reason: str = "r
         seconds=0.0,
         method="arc length",
     )
+
+
+def _relief(step: StepResult, share: float) -> tuple[Passage, ...]:
+    """The passage of a step in which a relief valve let out gas."""
+    return (Passage(event="relief", share=share),) if step.relieved else ()
 
 
 def _missed(stage: Stage, last: StepResult, course: Course) -> Outcome | None:
