@@ -11,7 +11,7 @@ from boxes import Grid
 
 from taichi_membrane import shapes
 from taichi_membrane.execution.run import run
-from taichi_membrane.mechanics.gas import CoupledFactor
+from taichi_membrane.mechanics.coupled import CoupledFactor
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.rim import SkewFactor
 from taichi_membrane.mesh import Mesh

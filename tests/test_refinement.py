@@ -20,7 +20,7 @@ from taichi_membrane.algebra.refinement import GOOD, SINGULAR
 from taichi_membrane.arrays import Floats
 from taichi_membrane.execution.run import run
 from taichi_membrane.mechanics import rim
-from taichi_membrane.mechanics.gas import CoupledFactor
+from taichi_membrane.mechanics.coupled import CoupledFactor
 from taichi_membrane.mechanics.rim import SkewFactor
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation import modes

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from taichi_membrane.algebra.protocol import Factor
-from taichi_membrane.mechanics.gas import ShutChamber, coupled
+from taichi_membrane.mechanics.coupled import RankOne
+from taichi_membrane.mechanics.gas import ShutChamber
 from taichi_membrane.mechanics.pond import Pond
 from taichi_membrane.mechanics.preparation import Floats, volume_gradient
 from taichi_membrane.mechanics.system import System
@@ -39,20 +39,17 @@ class Contents:
             total += pond.weight * values[pond.number] * pond.volume
         return total
 
-    def coupled(self, factor: Factor) -> Factor | None:
-        """The factorised tangent with what they add; ``factor`` is that at constant pressures and levels. None where singular."""
-        displacement, values = self.system.displacement(), self.system.surface_loads()
-        gradients, resistance = [], []
+    def rank_one(self) -> list[RankOne]:
+        """What they add to the tangent at constant pressures and levels."""
+        displacement, values, terms = self.system.displacement(), self.system.surface_loads(), []
         for chamber, volume in zip(self.chambers, self.volumes(), strict=True):
             if chamber.resistance(volume) > 0.0:
-                gradients.append(self._at_free(self.volume_gradient(chamber)))
-                resistance.append(chamber.resistance(volume))
+                terms.append(RankOne(chamber.resistance(volume), self.volume_gradient(chamber)))
         for pond in self.ponds:
             area = pond.wet_area(values[pond.number], displacement)
             if pond.volume > 0.0 and area > 0.0:
-                gradients.append(self._at_free(self.level_gradient(pond)))
-                resistance.append(1.0 / (pond.weight * area))
-        return coupled(factor, gradients, resistance)
+                terms.append(RankOne(1.0 / (pond.weight * area), self.level_gradient(pond)))
+        return terms
 
     def key(self) -> Floats:
         """What the tangent depends on beside displacements, pressures and levels."""
@@ -76,6 +73,3 @@ class Contents:
         """(node_count, 3) ∂f/∂h in the supports' axes."""
         level = float(self.system.surface_loads()[pond.number])
         return self.system.in_frames(pond.by_level(level, self.system.displacement()))
-
-    def _at_free(self, force: Floats) -> Floats:
-        return np.where(self.system.structure.node_held, 0.0, force)

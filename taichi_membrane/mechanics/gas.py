@@ -9,13 +9,10 @@ amount that fills the volume at p_r.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from taichi_membrane.algebra.protocol import Factor
-from taichi_membrane.algebra.refinement import SINGULAR, USELESS, refined
-from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.mechanics.preparation import Ints
 
 # A valve counts as open from this share of its volume on: a state that it has left is at the border, up to rounding.
 _OPEN = 1e-9
@@ -99,66 +96,3 @@ def amount_of(pressure: float, volume: float, *, ambient: float, reference: floa
     :param pressure: above ambient, at a volume.
     """
     return max(volume, 0.0) * (max(pressure + ambient, 0.0) / reference) ** (1.0 / exponent)
-
-
-@dataclass(frozen=True, eq=False)
-class CoupledFactor:
-    """A factorised matrix with rank-one terms added, by the formula of Sherman, Morrison and Woodbury.
-
-    :param negative: number of negative eigenvalues of the sum.
-    """
-
-    factor: Factor
-    gradients: list[Floats]
-    resistance: list[float]
-    softened: list[Floats]
-    inner: Floats
-    negative: int
-    doubt: ClassVar[str] = ""
-    refusal: ClassVar[str] = SINGULAR
-
-    def solve(self, right: Floats, within: float = USELESS) -> Floats:
-        """Solution (n, 3) for a right-hand side (n, 3), by nodes; not a number where more than ``within`` of that is left."""
-        return refined(self.substituted, self.times, right, within)
-
-    def solve_transposed(self, right: Floats, within: float = USELESS) -> Floats:
-        """The same: the matrix is symmetric."""
-        return self.solve(right, within)
-
-    def substituted(self, right: Floats) -> Floats:
-        """Solution by the formula."""
-        solution = self.factor.substituted(right)
-        shares = np.linalg.solve(self.inner, [np.vdot(gradient, solution) for gradient in self.gradients])
-        for share, softened in zip(shares, self.softened, strict=True):
-            solution = solution - share * softened
-        return solution
-
-    def times(self, vector: Floats) -> Floats:
-        """The sum times a vector (n, 3)."""
-        return self.factor.times(vector) + self._gas_times(vector)
-
-    def residual(self, solution: Floats, right: Floats) -> float:
-        """Backward error of a solution, in largest components, over the size of the matrix without the gas."""
-        return self.factor.residual(solution, right - self._gas_times(solution))
-
-    def _gas_times(self, vector: Floats) -> Floats:
-        parts = zip(self.resistance, self.gradients, strict=True)
-        return np.asarray(sum(stiffness * np.vdot(gradient, vector) * gradient for stiffness, gradient in parts))
-
-
-def coupled(factor: Factor, gradients: list[Floats], resistance: list[float]) -> Factor | None:
-    """A factorised matrix with terms κ b bᵀ, κ > 0, added; None where it is singular.
-
-    :param gradients: b of each, (n, 3), zero at held components.
-    :param resistance: κ of each.
-    """
-    if not resistance:
-        return factor
-    softened = [factor.solve(gradient) for gradient in gradients]
-    if not np.isfinite(softened).all():
-        return None
-    inner = np.diag(1.0 / np.array(resistance))
-    inner += np.array([[np.vdot(a, b) for b in softened] for a in gradients])
-    # Sylvester's law on the bordered matrix, whose inertia can be read both ways.
-    negative = factor.negative + int((np.linalg.eigvalsh(inner) > 0.0).sum()) - len(resistance)
-    return CoupledFactor(factor, gradients, resistance, softened, inner, negative)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.algebra.protocol import DIRECT, Algebra, Factor
 from taichi_membrane.mechanics.contents import Contents
+from taichi_membrane.mechanics.coupled import coupled
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.rim import Rim, Skew, SkewFactor, symmetric
 from taichi_membrane.mechanics.system import System
@@ -144,7 +145,7 @@ class Newton:
     def _whole(self, factor: Factor | None, skew: Skew | None) -> Factor | None:
         """The factorised sparse symmetric part with what shut chambers and pressures without a potential add."""
         if factor is not None and self.contents is not None:
-            factor = self.contents.coupled(factor)
+            factor = coupled(factor, self.contents.rank_one(), self.free)
         return factor if factor is None or skew is None else SkewFactor(factor, skew)
 
     def _restarted(self, loads: Floats) -> float:
