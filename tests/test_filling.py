@@ -16,6 +16,7 @@ from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.analysis import Analysis
 from taichi_membrane.simulation.model import build_mesh, build_model
 from taichi_membrane.simulation.results import StepResult
 
@@ -286,3 +287,12 @@ def test_a_piston_on_shut_gas_is_a_spring() -> None:
             stretch**2 - 1.0
         ) / 2.0
         assert step.probes["F"] == pytest.approx(-exact, rel=1e-4)
+
+
+def test_a_scene_without_shut_chambers_has_no_contents() -> None:
+    """Nor drivers of amounts and of the pressure outside, though it names that pressure."""
+    scene = sphere(4, 1.0, stages=[{"name": "inflate", "pressure": {"gas": 1.0}}])
+    work = Analysis(build_model(scene, build_mesh(scene)))
+    *_, last = work.steps()
+    assert work.equilibrium.filling.contents is None
+    assert set(last.drivers) == {"pressure.gas", "pressure.outside"}
