@@ -99,7 +99,7 @@ def a_step(number: int, **changes: Any) -> StepResult:
             displacement=values["displacement"],
             drivers=DRIVERS | {"pressure.inside": 0.1 * number},
             stiffest=1.0 / 3.0,
-            shut={"inside": (1.0 / 7.0, 0.1)} if number else {},
+            let_out={"inside": 1.0 / 7.0} if number else {},
             path=PathState(
                 factor=1.0 / 3.0,
                 tangent=rng.normal(size=(MESH.node_count, 3)),

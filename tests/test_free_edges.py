@@ -152,8 +152,8 @@ def test_the_tangent_of_all_terms_is_the_derivative_of_the_forces(kind: str) -> 
 
     def force_at(displacement: Floats) -> Floats:
         system.set_displacement(displacement)
-        if work.equilibrium.gas is not None:
-            work.equilibrium.gas.settle()
+        if work.equilibrium.filling.contents is not None:
+            work.equilibrium.filling.contents.settle()
         return newton.free_force().ravel()
 
     components, change = np.flatnonzero(free), 1e-6

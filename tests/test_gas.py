@@ -106,21 +106,25 @@ def test_the_coupled_tangent_is_the_derivative_of_the_forces() -> None:
         forces = []
         for sign in (1.0, -1.0):
             system.set_displacement(position + sign * 1e-6 * direction)
-            work.equilibrium.gas.settle()  # type: ignore[union-attr]
+            work.equilibrium.filling.contents.settle()  # type: ignore[union-attr]
             forces.append(newton.free_force())
         change = (forces[1] - forces[0]) / 2e-6
         assert factor.solve(change) == pytest.approx(direction, abs=1e-6)
     system.set_displacement(position)
-    work.equilibrium.gas.settle()  # type: ignore[union-attr]
+    work.equilibrium.filling.contents.settle()  # type: ignore[union-attr]
     # A pressure so high that the ball would run away, were the gas not shut in.
-    work.equilibrium.shut([], LoadState(last.drivers))
+    work.equilibrium.shut(scene.stages[0])
     system.set_surface_loads(np.array([120.0]))
     loose = newton.factorised(indefinite=True)
-    work.equilibrium.shut(["gas"], LoadState.of(pressure={"gas": 120.0, "outside": 0.0}))
+    work.equilibrium.shut(scene.stages[1])
+    amount = last.volume * ((120.0 + AMBIENT) / AMBIENT) ** (1 / 1.4)
+    work.equilibrium.press(
+        LoadState.of(pressure={"gas": 120.0, "outside": 0.0}, amount={"gas": amount}, ambient={"gas": AMBIENT})
+    )
     shut = newton.factorised(indefinite=True)
     assert loose is not None
     assert shut is not None
-    gradient = newton.gas._gradient(newton.gas.chambers[0])  # type: ignore[union-attr]
+    gradient = newton.contents.volume_gradient(newton.contents.chambers[0])  # type: ignore[union-attr]
     b = np.where(newton.free, gradient, 0.0).ravel()
     resistance = 1.4 * (120.0 + AMBIENT) / last.volume
     matrix = newton.tangent.matrix().toarray()

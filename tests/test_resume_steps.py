@@ -36,8 +36,8 @@ whole = [replace(step, seconds=0.0) for step in work.steps()]
 assert len(whole) == 5 and whole[-1].converged and whole[-1].probes["wrinkled"] > 0.0, whole[-1].probes
 if work.newton is not None:  # a factorised tangent is handed on as well, one that may round or pivot otherwise than a new one
     def kept():
-        displacement, pressures, factor = work.newton._kept
-        return displacement, pressures, factor.solve(np.ones_like(displacement))
+        state, factor = work.newton._kept
+        return *state, factor.solve(np.ones_like(state[0]))
     next(work.steps(done=whole[:2]))
     before, work.newton._kept = kept(), None
     work.equilibrium.apply(unloaded(scene))

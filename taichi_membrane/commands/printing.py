@@ -25,6 +25,7 @@ from taichi_membrane.output.tables import (
 from taichi_membrane.scene import Cable, Fabric, Scene, Stage
 from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, stage_values
 from taichi_membrane.scene.units import probe_unit
+from taichi_membrane.simulation.chambers import surfaces
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import RunResult
 from taichi_membrane.simulation.solver_choice import without_potential
@@ -39,6 +40,8 @@ def print_run(console: Console, result: RunResult) -> None:
             _print_wrapped(console, label, line)
     _print_steps(console, result)
     print_failed_steps(console, result)
+    for line in relief_lines(result):
+        _print_wrapped(console, "relief", line)
     _print_at_rest(console, result)
     _print_unknown(console, result)
     if result.checks:
@@ -56,6 +59,17 @@ def print_run(console: Console, result: RunResult) -> None:
     _print_wrapped(console, "time", f"{spent} ({real['arch']}, {real['precision']}{threads})")
     if result.directory is not None:
         print_files(console, result.directory, result.files)
+
+
+def relief_lines(result: RunResult) -> list[str]:
+    """Where relief valves opened, a line for each chamber and load step."""
+    scene = result.scene
+    return [
+        f"of {name} opened at load step {step.number}, at {with_unit(step.pressures[name], scene.units.stress)}: let out "
+        f"{with_unit(amount, scene.units.volume)} of gas at {with_unit(scene.pressures[name].ambient or 0.0, scene.units.stress)}"
+        for step in result.steps
+        for name, amount in step.relieved.items()
+    ]
 
 
 def _print_at_rest(console: Console, result: RunResult) -> None:
@@ -207,6 +221,7 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
         ),
         *((kind.name, f"{name}: {kind.words(item)}") for kind in DRIVERS for name, item in kind.defined(scene).items()),
         *(("pressure", line) for line in _potential_lines(model)),
+        *(("chamber", line) for line in _chamber_lines(model)),
         *(("cable", f"{name}: {_cable_line(item)}") for name, item in scene.cables.items()),
         *(("plane", f"{name}: through {list(item.through)}, for {item.group}") for name, item in scene.planes.items()),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
@@ -227,6 +242,25 @@ def _potential_lines(model: Model) -> list[str]:
         return []
     where = without_potential(model)
     return [f"without a potential in {where}: unsymmetric tangent, no energy" if where else "has a potential"]
+
+
+def _chamber_lines(model: Model) -> list[str]:
+    """Volume, area, sides and holes of what each follower pressure acts on."""
+    units, lines = model.scene.units, []
+    for chamber in model.chambers:
+        parts = surfaces(chamber)
+        holed = sum(not part.is_closed for part in parts)
+        kind = "closed" if not holed else "open" if len(parts) == 1 else f"{holed} of them open"
+        count = f"{len(parts)} surfaces, " if len(parts) > 1 else ""
+        volume = f", volume {chamber.volume(model.structure.mesh.points):.6g} {units.volume}" if not holed else ""
+        sides = [
+            f"{side} {number} elements"
+            for side, number in (("behind", int((chamber.sign > 0).sum())), ("before", int((chamber.sign < 0).sum())))
+            if number
+        ]
+        area = f"area {chamber.area:.6g} {units.area}"
+        lines.append(f"{chamber.name}: {count}{kind}{volume}, {area}, {' and '.join(sides)}")
+    return lines
 
 
 def _cable_line(cable: Cable) -> str:
@@ -268,4 +302,5 @@ def _stage_line(scene: Scene, stage: Stage) -> str:
     aims += ["by arc length"] if stage.control == "arc_length" else []
     aims += [f"until {stage.until.replace('_', ' ')}"] if stage.until != "target" else []
     aims += [f"valve shut: {', '.join(stage.closed)}"] if stage.closed else []
+    aims += [f"joined: {' and '.join(tube)}" for tube in stage.joined]
     return f"{stage.name}: {stage.steps} {'step' if stage.steps == 1 else 'steps'}, {', '.join(aims) or 'no change'}"

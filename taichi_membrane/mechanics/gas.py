@@ -1,6 +1,9 @@
-"""Closed chambers: the gas in them keeps p_abs Vⁿ, so that their pressure follows the volume.
+"""Gas in shut chambers, which keeps p_abs Vⁿ, so that their pressure follows the volume.
 
-To the tangent each chamber adds a dense but rank-one term κ b bᵀ, κ = n p_abs/V, b = ∂V/∂x: the gas resists a change of volume.
+Its amount is the volume A that it would have at a reference pressure: p_abs = p_ref (A/V)ⁿ. To the tangent each gas adds a dense
+but rank-one term κ b bᵀ, κ = n p_abs/V, b = ∂V/∂x: it resists a change of volume. A relief valve holds the pressure at p_r where
+the gas would have more, in volumes below A (p_ref/(p_r + p_out))^(1/n): there κ is zero, and an equilibrium leaves behind the
+amount that fills the volume at p_r.
 """
 
 from __future__ import annotations
@@ -9,83 +12,87 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_membrane.mechanics.coupled import RankOne
-from taichi_membrane.mechanics.preparation import Floats, Ints, volume_gradient
-from taichi_membrane.mechanics.system import System
+from taichi_membrane.mechanics.preparation import Ints
+
+# A valve counts as open from this share of its volume on: a state that it has left is at the border, up to rounding.
+_OPEN = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShutChamber:
-    """A chamber whose valve is shut.
+    """Chambers whose valve is shut and that one gas fills: one, or several that tubes join.
 
-    :param number: number of its pressure among the system's.
-    :param triangles: numbers of the triangles that enclose it; ``sign`` (k,) 1 where their normals point out of it, else -1.
+    :param numbers: of their pressures among the system's.
+    :param triangles: numbers of the triangles that enclose them; ``sign`` (k,) 1 where their normals point out of it, else -1.
     :param rest_volume: volume they enclose at rest.
-    :param ambient: absolute pressure outside.
+    :param reference: absolute pressure at which amounts are told.
     :param exponent: n; 1 for constant temperature.
-    :param volume: volume when the valve was shut, ``pressure`` the pressure above ambient then.
+    :param relief: pressure above that outside at which gas is let out; infinite for no such valve.
+    :param amount: volume of the gas at the reference pressure.
+    :param ambient: absolute pressure outside.
     """
 
-    number: int
+    numbers: tuple[int, ...]
     triangles: Ints
     sign: Ints
     rest_volume: float
-    ambient: float
+    reference: float
     exponent: float
-    volume: float
-    pressure: float
+    amount: float
+    ambient: float
+    relief: float = float("inf")
 
     def pressure_at(self, volume: float) -> float:
-        """Pressure above ambient; infinite where nothing is left of the volume."""
+        """Pressure above ambient; infinite where nothing is left of the volume and nothing is let out."""
+        return min(self.relief, self._unrelieved(volume))
+
+    def _unrelieved(self, volume: float) -> float:
+        """Pressure without a relief valve."""
         if volume <= 0.0:
             return float("inf")
-        return (self.pressure + self.ambient) * (self.volume / volume) ** self.exponent - self.ambient
+        return self.reference * (self.amount / volume) ** self.exponent - self.ambient
+
+    @property
+    def opening(self) -> float:
+        """Volume below which the relief valve is open; 0 without one."""
+        return self.amount * (self.reference / (self.relief + self.ambient)) ** (1.0 / self.exponent)
+
+    def is_open(self, volume: float) -> bool:
+        """Whether the relief valve lets gas out when the volume falls."""
+        return volume <= self.opening * (1.0 + _OPEN)
+
+    def left(self, volume: float) -> float:
+        """Amount that an equilibrium at a volume leaves in the chamber."""
+        if volume >= self.opening:
+            return self.amount
+        return volume * ((self.relief + self.ambient) / self.reference) ** (1.0 / self.exponent)
 
     def resistance(self, volume: float) -> float:
-        """-dp/dV."""
+        """-dp/dV; 0 where the relief valve is open."""
+        if self.is_open(volume):
+            return 0.0
         return self.exponent * (self.pressure_at(volume) + self.ambient) / volume
 
+    def by_amount(self, volume: float) -> float:
+        """∂p/∂A at a fixed volume."""
+        if self.is_open(volume):
+            return 0.0
+        return self.exponent * (self.pressure_at(volume) + self.ambient) / self.amount
+
     def work(self, volume: float) -> float:
-        """Work that the gas and the ambient pressure have done since the valve was shut, ∫ p dV."""
+        """Work of the gas, that let out included, and of the ambient pressure since the volume was the amount, ∫ p dV."""
+        if volume < self.opening:
+            return self.work(self.opening) - self.relief * (self.opening - volume)
         if volume <= 0.0:
             return float("-inf")
-        n, absolute, ratio = self.exponent, self.pressure + self.ambient, volume / self.volume
+        n, ratio = self.exponent, volume / self.amount
         done = np.log(ratio) if n == 1.0 else (ratio ** (1.0 - n) - 1.0) / (1.0 - n)
-        return float(absolute * self.volume * done - self.ambient * (volume - self.volume))
+        return float(self.reference * self.amount * done - self.ambient * (volume - self.amount))
 
 
-class Gas:
-    """The closed chambers of a system."""
+def amount_of(pressure: float, volume: float, *, ambient: float, reference: float, exponent: float) -> float:
+    """Amount of a gas: the volume that it has at the reference pressure.
 
-    def __init__(self, system: System, chambers: tuple[ShutChamber, ...]) -> None:
-        self.system = system
-        self.chambers = chambers
-
-    def settle(self) -> None:
-        """Set the pressures that belong to the system's present volumes."""
-        pressures = self.system.surface_loads()
-        for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
-            pressures[chamber.number] = chamber.pressure_at(volume)
-        self.system.set_surface_loads(pressures)
-
-    def energy(self) -> float:
-        """What the potential energy lacks that takes the present pressures for constant ones."""
-        pressures, total = self.system.surface_loads(), 0.0
-        for chamber, volume in zip(self.chambers, self._volumes(), strict=True):
-            total += pressures[chamber.number] * (volume - chamber.rest_volume) - chamber.work(volume)
-        return total
-
-    def rank_one(self) -> list[RankOne]:
-        """What each chamber adds to the tangent at constant pressures."""
-        pairs = zip(self.chambers, self._volumes(), strict=True)
-        return [RankOne(chamber.resistance(volume), self._gradient(chamber)) for chamber, volume in pairs]
-
-    def _volumes(self) -> list[float]:
-        swept = self.system.swept_volumes(self.system.displacement())
-        return [chamber.rest_volume + float(chamber.sign @ swept[chamber.triangles]) for chamber in self.chambers]
-
-    def _gradient(self, chamber: ShutChamber) -> Floats:
-        """(node_count, 3) ∂V/∂x in the supports' axes."""
-        mesh = self.system.structure.mesh
-        places = mesh.points + self.system.displacement()
-        return self.system.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles], chamber.sign))
+    :param pressure: above ambient, at a volume.
+    """
+    return max(volume, 0.0) * (max(pressure + ambient, 0.0) / reference) ** (1.0 / exponent)

@@ -19,8 +19,8 @@ has exist: the others allocate nothing and compile nothing.
 *Node terms* act on one node at a time and are inlined where it gathers: ``force(i)``, ``energy(i)``, ``bound(i)``, ``block(i)``,
 with M ≥ ¼ ``bound``, as nothing at another end counts it a second time.
 
-*Global terms* couple many nodes. They stay on the host and wrap the sparse factor: shut chambers (:mod:`gas`, added by
-:mod:`coupled`) and, outside of those, loads on the surface that have no potential (:mod:`rim`).
+*Global terms* couple many nodes. They stay on the host and wrap the sparse factor: gas in shut chambers and liquids of given volume
+(:mod:`contents`, added by :mod:`coupled`) and, outside of those, loads on the surface that have no potential (:mod:`rim`).
 
 Loads on the surface (:mod:`pressure`, :mod:`snow`, :mod:`water`) are inlined in the triangles' loop, which has the sides at hand.
 """

@@ -43,17 +43,17 @@ def wet_matrices(depth: Floats) -> Floats:
 
 def corner_forces(structure_points: Floats, one: Water, level: float, displacement: Floats) -> Floats:
     """(k, 3, 3) force of a liquid on each corner of its triangles."""
-    depth, directed = _depth(structure_points, one, level, displacement), _directed(one, displacement)
+    depth, directed = depths(structure_points, one, level, displacement), directed_areas(one, displacement)
     share = one.weight[one.tri, None] * np.einsum("tab,tb->ta", wet_matrices(depth), depth)
     return share[:, :, None] * directed[:, None, :]
 
 
-def _depth(points: Floats, one: Water, level: float, displacement: Floats) -> Floats:
+def depths(points: Floats, one: Water, level: float, displacement: Floats) -> Floats:
     """(k, 3) depth of the corners of a liquid's triangles."""
     return one.level(level) - ((points + displacement) @ one.up)[one.mesh.triangles[one.tri]]
 
 
-def _directed(one: Water, displacement: Floats) -> Floats:
+def directed_areas(one: Water, displacement: Floats) -> Floats:
     """(k, 3) doubled directed areas of a liquid's triangles."""
     sides = sides_now(one.mesh, displacement, one.tri)
     return np.cross(sides[:, 1], sides[:, 2])
@@ -100,7 +100,7 @@ class WaterSkew:
     def blocks(self) -> Blocks:
         """γ/2 (M_ab (N ⊗ e - e ⊗ N) - (M d)_a [s_b]× - (M d)_b [s_a]×), summed over triangles, of which the rim's are left."""
         one = self.one
-        depth, directed = _depth(self.structure.points, one, self.value, self.base), _directed(one, self.base)
+        depth, directed = depths(self.structure.points, one, self.value, self.base), directed_areas(one, self.base)
         wet = wet_matrices(depth)
         share, weight = np.einsum("tab,tb->ta", wet, depth), 0.5 * one.weight[one.tri]
         turned = directed[:, :, None] * one.up - one.up[:, None] * directed[:, None, :]
@@ -134,8 +134,8 @@ class WaterSkew:
     def _flux(self, displacement: Floats) -> float:
         """W at a displacement."""
         depth, directed = (
-            _depth(self.structure.points, self.one, self.value, displacement),
-            _directed(self.one, displacement),
+            depths(self.structure.points, self.one, self.value, displacement),
+            directed_areas(self.one, displacement),
         )
         square = np.einsum("ta,tab,tb->t", depth, wet_matrices(depth), depth)
         return -0.5 * float((self.one.weight[self.one.tri] * (directed @ self.one.up)) @ square)

@@ -33,7 +33,7 @@ from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 5
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 6
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 CABLE = "cable"  # array of the lines of mesh.vtu and of the steps' files: number of the cable in the scene
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
@@ -270,6 +270,7 @@ def _step(directory: Path, mesh: Mesh, cable_count: int, record: dict[str, Any])
         unknown={str(name): str(why) for name, why in record["unknown"].items()},
         state=_state(record, fields["displacement"], per_node),
         contact_forces=_numbers(record["contact_forces"]),
+        relieved=_numbers(record["relieved"]),
     )
 
 
@@ -300,7 +301,7 @@ def _state(record: dict[str, Any], displacement: Floats, per_node: Callable[[str
         displacement=displacement,
         drivers=_numbers(record["drivers"]),
         stiffest=float(given["stiffest"]),
-        shut={name: (float(volume), float(pressure)) for name, (volume, pressure) in given["shut"].items()},
+        let_out=_numbers(given["let_out"]),
         path=path,
     )
 

@@ -72,7 +72,7 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
         Column("step", [str(step.number) for step in steps]),
         Column("stage", [f"{step.stage} {step.stage_step}/{counts[step.stage]}" for step in steps]),
         *(
-            number_column(name.partition(".")[2], driver_unit(scene, name), [step.drivers[name] for step in steps])
+            number_column(_short(name), driver_unit(scene, name), [step.drivers[name] for step in steps])
             for name in driver_names(scene)
         ),
         *(
@@ -90,6 +90,12 @@ def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
         Column("way", ways, rank=_rank(ways)),
         Column("residual", [f"{step.residual:.1e}" if step.converged else "FAILED" for step in steps]),
     ]
+
+
+def _short(driver: str) -> str:
+    """A driver's name without its kind, but where that is a chamber's, whose pressure has the bare name."""
+    kind, _, name = driver.partition(".")
+    return f"{name} {kind}" if kind in ("amount", "ambient") else name
 
 
 def stability_text(step: StepResult) -> str:
@@ -127,9 +133,8 @@ def step_words(scene: Scene, step: StepResult) -> str:
     parts = [f"{step.stage} {step.stage_step}/{count}"]
     alone = len(step.pressures) == 1
     for driver, value in step.drivers.items():
-        kind, _, name = driver.partition(".")
         if value:
-            words = "p" if kind == "pressure" and alone else name
+            words = "p" if driver.startswith("pressure.") and alone else _short(driver)
             parts.append(f"{words} = {value:.4g} {driver_label(scene, driver)}".rstrip())
     if not step.converged:
         parts.append("NOT CONVERGED: last equilibrium")

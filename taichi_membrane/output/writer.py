@@ -304,7 +304,7 @@ def _state_record(state: State) -> dict[str, Any]:
     """What a load step hands on, but its displacements and drivers, which stand beside it, and the arrays of its path."""
     path = state.path
     scalars = None if path is None else {"factor": path.factor, "negative": path.negative, "length": path.length}
-    return {"stiffest": state.stiffest, "shut": state.shut, "path": scalars}
+    return {"stiffest": state.stiffest, "let_out": state.let_out, "path": scalars}
 
 
 def _field_notes(scene: Scene, *, cables: bool) -> dict[str, dict[str, Any]]:

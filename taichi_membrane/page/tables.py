@@ -114,6 +114,7 @@ def _at_rest(result: RunResult) -> Table:
 
 
 def _supports(result: RunResult) -> Table:
+    rows = [list(one) for one in result.scene.holding]
     return Table("supports-given", "Supports and motions", ["group of nodes", "what is held"], rows)
 
 

@@ -312,5 +312,6 @@ def _parameter(scene: Scene, key: str, stage: str) -> str | None:
             return None
         later = scene.stages[names.index(parts[1]) + 1 : names.index(stage) + 1]
         # A pressure that changes again, or is the one that is raised, is no longer what this key says.
-        return f"pressure.{name}" if later and all(one.pressure is None and not one.closed for one in later) else None
+        kept = all(one.pressure is None and not one.closed and one.amount is None for one in later)
+        return f"pressure.{name}" if later and kept else None
     return None

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.scene import Scene, Stage
+from taichi_membrane.scene.drivers import shut_by
 from taichi_membrane.scene.messages import not_one_of
 
 
@@ -75,9 +76,9 @@ def at_readings(scene: Scene, measured: Measured, stage: str | None, probe: str 
         raise InputError(f"--stage {stage!r}: not a stage of this scene; {not_one_of(stage, names)}")
     place = names.index(stage) if stage is not None else len(names) - 1
     cut = scene.stages[place]
-    if cut.control == "arc_length" or cut.until == "collapse" or cut.closed:
+    if cut.control == "arc_length" or cut.until == "collapse" or shut_by(scene, cut) or cut.ambient is not None:
         raise InputError(
-            f"stage {cut.name!r} ends where its path does or has a shut chamber; readings need one that raises loads"
+            f"stage {cut.name!r} ends where its path does, shuts a chamber or changes ambient; readings need one that raises loads"
         )
     start = _factors(scene, scene.stages[:place])
     end = start | _factors(scene, (cut,))

@@ -35,11 +35,13 @@ from taichi_membrane.scene.mesh_source import (
 )
 from taichi_membrane.scene.models import Check, Group, Scene, Units
 from taichi_membrane.scene.probe import (
+    AbsoluteProbe,
     AreaProbe,
     BodyProbe,
     CableProbe,
     DisplacementProbe,
     FactorProbe,
+    LevelProbe,
     MomentProbe,
     Probe,
     RadiusProbe,
@@ -63,6 +65,7 @@ from taichi_membrane.scene.support import (
 )
 
 __all__ = [
+    "AbsoluteProbe",
     "AnnulusShape",
     "AnyLoad",
     "ArchShape",
@@ -88,6 +91,7 @@ __all__ = [
     "FactorProbe",
     "GivenMesh",
     "Group",
+    "LevelProbe",
     "Load",
     "MeshFile",
     "MeshSource",

@@ -31,6 +31,9 @@ class DriverKind:
     :param unit: unit of one driver's value; empty for a mere number.
     :param words: what one is, in a line.
     :param scaled: what a value without a unit multiplies, in words; nothing for a mere number.
+    :param start: value before the first stage.
+    :param possible: whether an entry of the table can have such a driver.
+    :param used: whether it has one in a scene, of those that can; a stage that names it is not all that it takes.
     """
 
     name: str
@@ -39,11 +42,18 @@ class DriverKind:
     unit: Callable[[Units, Any], str]
     words: Callable[[Any], str]
     scaled: Callable[[Any], str] = lambda _: ""
+    start: Callable[[Any], float] = lambda _: 0.0
+    possible: Callable[[Any], bool] = lambda _: True
+    used: Callable[[Scene, str], bool] = lambda *_: True
+
+    def allowed(self, scene: Scene) -> Mapping[str, Any]:
+        """What a stage may name."""
+        table: Mapping[str, Any] = getattr(scene, self.table)
+        return {name: item for name, item in table.items() if self.possible(item)}
 
     def defined(self, scene: Scene) -> Mapping[str, Any]:
         """The scene's drivers of this kind, by their bare names."""
-        table: Mapping[str, Any] = getattr(scene, self.table)
-        return table
+        return {name: item for name, item in self.allowed(scene).items() if self.used(scene, name)}
 
     def asked(self, stage: Stage, names: Iterable[str]) -> dict[str, float]:
         """Values at the stage's end, by bare names; those not in it keep theirs. One number is for all ``names``."""
@@ -56,7 +66,7 @@ def _load_unit(units: Units, load: AnyLoad) -> str:
     if load.kind == "snow":
         return f"{units.force}/{units.area}"
     if load.kind == "water":
-        return units.length
+        return units.length if load.given == "level" else units.volume
     if load.kind in ("weight", "wind", "body") or not math.isclose(
         math.hypot(*(load.towards or ())), 1.0, rel_tol=1e-6
     ):
@@ -71,7 +81,8 @@ def _load_words(load: AnyLoad) -> str:
     if load.kind == "wind":
         return f"wind on the {load.face} of {load.acts_on}, q = {load.q:g}"
     if load.kind == "water":
-        return f"liquid at the {load.face} of {load.acts_on}, of weight {load.specific_weight:g} per volume"
+        told = ", by its volume" if load.given == "volume" else ""
+        return f"liquid at the {load.face} of {load.acts_on}, of weight {load.specific_weight:g} per volume{told}"
     return f"{'force and moment' if load.kind == 'body' else load.kind} on {load.acts_on}"
 
 
@@ -97,10 +108,31 @@ def _joined(groups: str | list[str]) -> str:
     return groups if isinstance(groups, str) else ", ".join(groups)
 
 
+def _holds_gas(pressure: Pressure) -> bool:
+    """Whether a stage can shut its valve."""
+    return pressure.kind == "follower" and pressure.ambient is not None
+
+
+def shut_by(scene: Scene, stage: Stage) -> list[str]:
+    """Names of the pressures whose valve a stage shuts, in the scene's order."""
+    amounts = kind_named("amount").asked(stage, scene.pressures)
+    return [name for name in scene.pressures if name in stage.closed or name in amounts]
+
+
 DRIVERS: tuple[DriverKind, ...] = (
     DriverKind(
         name="pressure", table="pressures", key="pressure", unit=lambda units, _: units.stress,
         words=lambda item: f"{item.kind}, {_pressed(item)}",
+    ),
+    DriverKind(
+        name="amount", table="pressures", key="amount", unit=lambda units, _: units.volume,
+        words=lambda item: f"of gas, as its volume at {item.ambient:g}", possible=_holds_gas,
+        used=lambda scene, name: any(name in shut_by(scene, stage) for stage in scene.stages),
+    ),
+    DriverKind(
+        name="ambient", table="pressures", key="ambient", unit=lambda units, _: units.stress,
+        words=lambda item: f"{item.ambient:g} at first", start=lambda item: item.ambient, possible=_holds_gas,
+        used=lambda scene, _: any(stage.ambient is not None for stage in scene.stages),
     ),
     DriverKind(
         name="load", table="loads", key="loads", unit=_load_unit, words=_load_words, scaled=_load_scaled,

@@ -18,8 +18,10 @@ class Pressure(Record):
     It acts along the normals of ``group`` and against those of ``against``. A wall between two chambers, whose normals point from
     one into the other, is in ``group`` of the first and in ``against`` of the second.
     ``follower`` pressure stays normal to the moving surface; ``fixed`` keeps direction and size of the unstressed shape. Pressures
-    are above ``ambient``, the absolute pressure outside, which only stages that shut the valve (``closed``) need; the gas then
-    keeps p_abs Vⁿ with n = ``exponent``: 1 at constant temperature, 1.4 for air that exchanges no heat.
+    are above ``ambient``, the absolute pressure outside, which only stages that shut the valve (``closed``, ``amount``) need: the
+    gas then keeps p_abs Vⁿ with n = ``exponent``, 1 at constant temperature, 1.4 for air that exchanges no heat. Its amount is the
+    volume A that it would have at the pressure ``ambient``: p_abs Vⁿ = ambient Aⁿ. Several closed surfaces in one ``group`` are
+    joined for good: one gas fills them all; a stage joins those of several pressures (``joined``).
     """
 
     group: Groups = "all"
@@ -29,9 +31,11 @@ class Pressure(Record):
     kind: Literal["follower", "fixed"] = "follower"
     """``follower`` stays normal to the moving surface, ``fixed`` keeps direction and size of the unstressed shape."""
     ambient: Positive | None = None
-    """Absolute pressure outside [force/length²], for stages that shut the valve."""
+    """Absolute pressure outside [force/length²], for stages that shut the valve, until a stage changes it; amounts refer to it."""
     exponent: Annotated[float, Field(ge=1, le=2)] = 1.0
     """Exponent n of p_abs Vⁿ in a shut chamber: 1 isothermal, 1.4 adiabatic air."""
+    relief: Positive | None = None
+    """Pressure at which a relief valve lets gas out of a shut chamber, which never has more [force/length²]; none without it."""
 
 
 class Load(Record):
@@ -183,13 +187,17 @@ class WaterLoad(Record):
 
     It presses along the moving normal with its specific weight times the present depth below the level; what lies above the level
     is dry. At level zero, where it is until a stage raises it, everything has to be dry at rest. By arc length it rises from a
-    level that wets something.
+    level that wets something. ``given = "volume"``: stages give the volume of the liquid [length³], one level for all of the
+    group; it stands over the group's elements alone, as if a wall stood on their rim, which has to be held or to move in vertical
+    planes that it lies in.
     """
 
     kind: Literal["water"]
     """A standing liquid."""
     specific_weight: Positive
     """Weight per volume [force/length³]."""
+    given: Literal["level", "volume"] = "level"
+    """What stages give: the height of the ``level``, or the ``volume``, whose level follows the moving surface."""
     face: Literal["front", "back"] = "back"
     """Side of the elements that it stands on: ``front``, which their normals point to, or ``back``, the inside of a body."""
     group: Groups = "all"

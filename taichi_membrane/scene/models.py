@@ -12,14 +12,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene import drivers
+from taichi_membrane.scene import drivers, valves
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record, Vector
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.fabric import Fabric
-from taichi_membrane.scene.loads import AnyLoad, BodyLoad, Pressure, SnowLoad, WeightLoad
+from taichi_membrane.scene.loads import AnyLoad, BodyLoad, Pressure, SnowLoad, WaterLoad, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import MeshSource
-from taichi_membrane.scene.probe import BodyProbe, CableProbe, FactorProbe, Probe
+from taichi_membrane.scene.probe import AbsoluteProbe, BodyProbe, CableProbe, FactorProbe, LevelProbe, Probe
 from taichi_membrane.scene.solver import Modes, Solver
 from taichi_membrane.scene.stage import Stage
 from taichi_membrane.scene.support import Body, BodyRotation, BodyTranslation, Motion, Support
@@ -165,18 +165,13 @@ class Scene(Record):
         names = [stage.name for stage in self.stages]
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
+        valves.check(self)
         for stage in self.stages:
-            self._check_closed(stage)
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
                 raise ValueError(f"stages.{stage.name}.control = 'arc_length' needs solver.kind 'hybrid' or 'newton'")
             for kind in drivers.DRIVERS:
                 for name in kind.asked(stage, ()):
-                    _known(name, kind.defined(self), f"stages.{stage.name}.{kind.key}", f"a {kind.name}")
-            if isinstance(stage.pressure, float) and len(self.pressures) != 1:
-                raise ValueError(
-                    f"stages.{stage.name}.pressure is one number, but there are {len(self.pressures)} pressures "
-                    f"({', '.join(self.pressures)}); name them: pressure = {{ {next(iter(self.pressures), 'inside')} = ... }}"
-                )
+                    _known(name, kind.allowed(self), f"stages.{stage.name}.{kind.key}", f"a {kind.name}")
         for number, check in enumerate(self.checks, 1):
             _known(check.probe, self.probes, f"checks[{number}].probe", "a probe")
             _known(check.stage, names, f"checks[{number}].stage", "a stage")
@@ -214,6 +209,12 @@ class Scene(Record):
                 _known(probe.of, drivers.driver_names(self), f"probes.{name}.of", "a factor")
             elif isinstance(probe, CableProbe):
                 _known(probe.cable, self.cables, f"probes.{name}.cable", "a cable")
+            elif isinstance(probe, AbsoluteProbe):
+                gases = drivers.kind_named("amount").allowed(self)
+                _known(probe.pressure, gases, f"probes.{name}.pressure", "a follower pressure with ambient")
+            elif isinstance(probe, LevelProbe):
+                waters = [key for key, load in self.loads.items() if isinstance(load, WaterLoad)]
+                _known(probe.load, waters, f"probes.{name}.load", "a load of kind 'water'")
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self
@@ -282,22 +283,6 @@ class Scene(Record):
         found += [(name, "anchor: held in xyz") for name in self.anchors]
         unit = f"{self.units.force}/{self.units.length}"
         return found + [(one.group, f"spring {name}: {one.stiffness} {unit}") for name, one in self.springs.items()]
-
-    def _check_closed(self, stage: Stage) -> None:
-        """Refuse a stage that shuts a valve it cannot shut."""
-        for name in stage.closed:
-            key = f"stages.{stage.name}.closed"
-            _known(name, self.pressures, key, "a pressure")
-            if self.pressures[name].ambient is None or self.pressures[name].kind != "follower":
-                raise ValueError(f"{key}: pressures.{name} needs ambient, and kind 'follower', to follow its volume")
-            if stage.pressure is not None and (not isinstance(stage.pressure, dict) or name in stage.pressure):
-                raise ValueError(f"{key}: pressure {name!r} cannot be shut and set in one stage")
-            if self.solver.kind == "relaxation":
-                raise ValueError(f"{key}: a shut chamber needs solver.kind 'hybrid' or 'newton'")
-            if self.modes is not None and self.modes.stage in (None, stage.name):
-                raise ValueError(
-                    f"{key}: modes of shut chambers are not implemented; name another stage in modes.stage"
-                )
 
 
 def _known(name: str, allowed: object, key: str, noun: str) -> None:

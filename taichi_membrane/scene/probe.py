@@ -77,6 +77,24 @@ class VolumeProbe(Record):
     """Follower pressure whose chamber is meant; the whole body without it."""
 
 
+class AbsoluteProbe(Record):
+    """Absolute pressure of a chamber: its pressure and that outside. ``factor`` has the pressure above that outside."""
+
+    kind: Literal["absolute_pressure"]
+    """Absolute pressure [force/length²]."""
+    pressure: Name
+    """Pressure, with ``ambient``, whose chamber is meant."""
+
+
+class LevelProbe(Record):
+    """Height of a liquid's level above its floor, given or following its volume."""
+
+    kind: Literal["level"]
+    """Height of a level [length]."""
+    load: Name
+    """Load of kind ``water`` that is meant."""
+
+
 class StressProbe(Record):
     """Extreme or area-mean principal stress (second Piola–Kirchhoff, on the unstressed fabric) of an element group."""
 
@@ -110,7 +128,7 @@ class FactorProbe(Record):
     kind: Literal["factor"]
     """Value of a driver."""
     of: Annotated[str, Field(pattern=r"^\w+\.\w+$")]
-    """``load.NAME``, ``motion.NAME`` or ``pressure.NAME``."""
+    """``load.NAME``, ``motion.NAME``, ``pressure.NAME``, ``amount.NAME`` or ``ambient.NAME``."""
 
 
 class AreaProbe(Record):
@@ -159,6 +177,8 @@ Probe = Annotated[
     | RotationProbe
     | RadiusProbe
     | VolumeProbe
+    | AbsoluteProbe
+    | LevelProbe
     | StressProbe
     | ResultantProbe
     | FactorProbe

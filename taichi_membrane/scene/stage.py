@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene.base import Finite, Name, Record
+from taichi_membrane.scene.base import Finite, Name, Positive, Record
 
 
 class Stage(Record):
@@ -15,7 +15,8 @@ class Stage(Record):
     What is not named keeps its value. ``until = "collapse"``: the stage is meant to meet its largest stable load on the way; the
     run then goes on to the next stage from there. ``control = "arc_length"`` follows the equilibrium path in at most ``steps``
     steps, through limit points, until the stage's values are reached; needs Newton, and no motion that changes. ``closed`` names
-    pressures whose valve is shut from the stage's start to its end: they follow their volume.
+    pressures whose valve is shut from the stage's start to its end: they follow their volume. ``amount`` shuts it too, and ramps
+    the amount of gas.
     """
 
     name: Name
@@ -24,6 +25,11 @@ class Stage(Record):
     """Number of equal load steps; by arc length the most steps."""
     pressure: Finite | dict[Name, Finite] | None = None
     """Pressure at the stage's end [force/length²]: one number where the scene has one pressure, else a table by name."""
+    amount: Positive | dict[Name, Positive] | None = None
+    """Amount of gas at the stage's end, as its volume at the pressure ``ambient`` of its chamber [length³]: one number or by name.
+    The valve is shut but for what it lets in or out."""
+    ambient: Positive | dict[Name, Positive] | None = None
+    """Absolute pressure outside at the stage's end [force/length²]: one number for all chambers that have one, or by name."""
     loads: dict[Name, Finite] = {}
     """Factor of each load at the stage's end; what is not named keeps its value."""
     motions: dict[Name, Finite] = {}
@@ -37,6 +43,8 @@ class Stage(Record):
     """At a maximum of the load: ``stop`` there, as collapse; ``pass`` goes on from a stable state beyond the jump, and tells it."""
     closed: list[Name] = []
     """Pressures whose valve is shut during the stage: they follow their volume."""
+    joined: list[Annotated[list[Name], Field(min_length=2)]] = []
+    """Lists of pressures whose shut chambers a tube joins during the stage: one gas of one pressure."""
 
     @property
     def may_end_early(self) -> bool:

@@ -25,5 +25,7 @@ def probe_unit(scene: Scene, name: str) -> str:
         "moment": units.energy,
         "rotation": "°",
         "volume": units.volume,
+        "absolute_pressure": units.stress,
+        "level": units.length,
         "area_share": "",
     }[kind]

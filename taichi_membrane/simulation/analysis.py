@@ -9,7 +9,7 @@ from dataclasses import replace
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
 from taichi_membrane.simulation.equilibrium import Equilibrium, Report
-from taichi_membrane.simulation.load_state import Course, LoadState, stage_target, unloaded
+from taichi_membrane.simulation.load_state import Course, LoadState, stage_target
 from taichi_membrane.simulation.measure import Measure
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.policy import Passage
@@ -62,14 +62,14 @@ class Analysis:
 
         :param done: the first load steps, from an earlier analysis, which are not done again.
         """
-        state = unloaded(self.model.scene)
+        state = self.model.unloaded
         number = 0
         for stage in self.model.scene.stages:
             course = Course(state, stage_target(state, stage))
             if done and stage.name == done[-1].stage:
-                self._go_on(done[-1], course)
+                self._go_on(done[-1], stage, course)
             elif number >= len(done):
-                self.equilibrium.shut(stage.closed, state)
+                self.equilibrium.shut(stage)
             run_stage = self._arc_length_stage if stage.control == "arc_length" else self._load_stage
             had = [step for step in done if step.stage == stage.name]
             for result in run_stage(number, stage, course, had, progress):
@@ -88,10 +88,11 @@ class Analysis:
                 return
         self.outcome = "finished"
 
-    def _go_on(self, step: StepResult, course: Course) -> None:
+    def _go_on(self, step: StepResult, stage: Stage, course: Course) -> None:
         """Take over the state that a load step, from an earlier analysis, has handed on."""
-        self.equilibrium.gone_on(step.state.shut)
+        self.equilibrium.shut(stage)
         self.measure.again(step)
+        self.equilibrium.filling.let_out = dict(step.state.let_out)
         self.stiffest.value = step.state.stiffest
         self.stiffest.resume(course.start.change(course.target))
 
@@ -123,7 +124,9 @@ class Analysis:
 
         def finished(share: float, record: SolveRecord, limit: Limit | None = None) -> StepResult:
             step = self.measure.step(number, stage, k, course, share, record, cuts, started, limit=limit)
-            return replace(step, trace=tuple(trace), state=replace(step.state, stiffest=self.stiffest.value))
+            return replace(
+                step, trace=(*trace, *_relief(step, share)), state=replace(step.state, stiffest=self.stiffest.value)
+            )
 
         while True:
             aim = min(end, reached + size)
@@ -202,7 +205,8 @@ class Analysis:
                 )
             step = self.measure.step(number + k - 1, stage, k, course, point.factor, record, 0, started)
             state = replace(step.state, path=_path_state(point, length))
-            yield replace(step, trace=(Passage(event="path", share=point.factor),), state=state)
+            way = Passage(event="path", share=point.factor)
+            yield replace(step, trace=(way, *_relief(step, point.factor)), state=state)
             started = time.perf_counter()
             if point.factor == 1.0:
                 return
@@ -260,12 +264,17 @@ def _walked(point: PathPoint | None, *, converged: bool = True, reason: str = "r
     )
 
 
+def _relief(step: StepResult, share: float) -> tuple[Passage, ...]:
+    """The passage of a step in which a relief valve let out gas."""
+    return (Passage(event="relief", share=share),) if step.relieved else ()
+
+
 def _missed(stage: Stage, last: StepResult, course: Course) -> Outcome | None:
     """How the run ends where a stage has not come to the end it names; None where it has."""
     if stage.until == "collapse" and last.limit is None:
         return "no collapse"
-    reached = LoadState(last.drivers) == course.target
-    if stage.control == "arc_length" and stage.until == "target" and not reached:
+    path = last.state.path
+    if stage.control == "arc_length" and stage.until == "target" and path is not None and path.factor != 1.0:
         return "steps used up"
     return None
 

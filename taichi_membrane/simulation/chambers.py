@@ -12,8 +12,9 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.mesh.check import FLAT_BODY
-from taichi_membrane.mesh.topology import EdgeTable, edge_table
-from taichi_membrane.scene import Pressure, Scene
+from taichi_membrane.mesh.topology import EdgeTable, edge_table, node_parts
+from taichi_membrane.scene import Pressure, Scene, Stage
+from taichi_membrane.scene.drivers import shut_by
 from taichi_membrane.simulation.groups import groups_at, pressed_triangles
 
 
@@ -46,6 +47,13 @@ class Chamber:
         """Whether it encloses a volume."""
         return bool((self.sense == 0).all())
 
+    @property
+    def area(self) -> float:
+        """Area of its triangles at rest."""
+        corners = self.mesh.points[self.mesh.triangles[self.triangles]]
+        sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return float(0.5 * np.linalg.norm(sides, axis=1).sum())
+
     def volume(self, points: Floats) -> float:
         """Volume enclosed with the nodes at ``points``; the cone to their middle for a chamber with holes."""
         corners = points[self.mesh.triangles[self.triangles]] - self.mesh.points.mean(axis=0)
@@ -65,8 +73,10 @@ def chambers_of(scene: Scene, mesh: Mesh) -> tuple[Chamber, ...]:
     for chamber in made:
         if branching or (chamber.sign < 0).any():
             _check_orientation(chamber)
-        if any(chamber.name in stage.closed for stage in scene.stages):
+        shutting = [stage for stage in scene.stages if chamber.name in shut_by(scene, stage)]
+        if shutting:
             _check_closed(chamber)
+            _check_filled(scene, chamber, shutting[0])
     return made
 
 
@@ -81,11 +91,12 @@ def sides(made: Sequence[Chamber], tri_count: int) -> tuple[Ints, Ints | None]:
 
 def pressure_used(scene: Scene, name: str) -> bool:
     """Whether any stage gives this pressure a value other than zero, or shuts it; others are left out of the model."""
-    for stage in scene.stages:
-        value = stage.pressure.get(name) if isinstance(stage.pressure, dict) else stage.pressure
-        if value or name in stage.closed:
-            return True
-    return False
+    return any(_raised(stage, name) or name in shut_by(scene, stage) for stage in scene.stages)
+
+
+def _raised(stage: Stage, name: str) -> bool:
+    """Whether a stage gives a pressure a value other than zero."""
+    return bool(stage.pressure.get(name) if isinstance(stage.pressure, dict) else stage.pressure)
 
 
 def _chamber(mesh: Mesh, name: str, pressure: Pressure) -> Chamber:
@@ -120,23 +131,65 @@ def _check_orientation(chamber: Chamber) -> None:
             f"enclose one side; {bad.size} such edges in all. Name in 'group' what has the chamber behind it, in 'against' what "
             "has it before it, in neither what lies inside it"
         )
-    if chamber.is_closed:
-        corners = mesh.points[mesh.triangles[chamber.triangles]]
-        area = (
-            0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
-        )
-        if chamber.volume(mesh.points) < -FLAT_BODY * area**1.5:
+    for part in surfaces(chamber):
+        if part.is_closed and part.volume(mesh.points) < -FLAT_BODY * part.area**1.5 and not _within(part, chamber):
+            which = (
+                "the chamber is"
+                if len(part.triangles) == len(chamber.triangles)
+                else f"{_told(part)} of its surfaces is"
+            )
             raise InputError(
-                f"pressures.{chamber.name}: the chamber is inside out: its volume is {chamber.volume(mesh.points):.6g}; "
+                f"pressures.{chamber.name}: {which} inside out: its volume is {part.volume(mesh.points):.6g}; "
                 "exchange 'group' and 'against'"
             )
 
 
+def surfaces(chamber: Chamber) -> list[Chamber]:
+    """The connected surfaces of a chamber: several of those that are joined for good."""
+    corners = chamber.mesh.triangles[chamber.triangles]
+    label = node_parts(chamber.table.nodes, chamber.mesh.node_count)[1][corners[:, 0]]
+    return [
+        Chamber(chamber.name, chamber.mesh, chamber.triangles[label == one], chamber.sign[label == one])
+        for one in np.unique(label)
+    ]
+
+
+def _within(part: Chamber, chamber: Chamber) -> bool:
+    """Whether a surface may be the inner one of a chamber: it lies within the box of another that is not inside out."""
+    points = chamber.mesh.points
+    low, high = (end(points[part.mesh.triangles[part.triangles]], axis=(0, 1)) for end in (np.min, np.max))
+    for other in surfaces(chamber):
+        corners = points[other.mesh.triangles[other.triangles]]
+        inside = (corners.min(axis=(0, 1)) < low).all() and (corners.max(axis=(0, 1)) > high).all()
+        if inside and other.volume(points) > 0.0:
+            return True
+    return False
+
+
+def _told(part: Chamber) -> str:
+    """Which surface of a chamber is meant, in words."""
+    return f"the one with element {part.triangles[0]} ({groups_at(part.mesh, int(part.triangles[0]))})"
+
+
 def _check_closed(chamber: Chamber) -> None:
-    """Refuse to shut a chamber whose elements leave a hole."""
-    free = int((chamber.sense != 0).sum())
-    if free:
+    """Refuse to shut a chamber of which a surface leaves a hole."""
+    parts = surfaces(chamber)
+    for part in parts:
+        free = int((part.sense != 0).sum())
+        if free:
+            which = "its" if len(parts) == 1 else f"of its {len(parts)} surfaces {_told(part)} has a hole: its"
+            raise InputError(
+                f"pressures.{chamber.name}: a chamber that is shut must have no hole, but {which} {len(part.triangles)} elements "
+                f"have {free} free edges"
+            )
+
+
+def _check_filled(scene: Scene, chamber: Chamber, first: Stage) -> None:
+    """Refuse to shut a flat chamber before any pressure has given it a volume."""
+    before = scene.stages[: scene.stages.index(first)]
+    volume = chamber.volume(chamber.mesh.points)
+    if volume <= FLAT_BODY * chamber.area**1.5 and not any(_raised(stage, chamber.name) for stage in before):
         raise InputError(
-            f"pressures.{chamber.name}: a chamber that is shut must have no hole, but its {len(chamber.triangles)} elements have "
-            f"{free} free edges"
+            f"stages.{first.name}: it shuts the valve of {chamber.name!r}, whose chamber is flat (volume {volume:.6g}) and holds "
+            "no gas yet; give it a pressure in a stage before"
         )

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from taichi_membrane.device import runtime
-from taichi_membrane.mechanics.gas import Gas, ShutChamber
 from taichi_membrane.mechanics.rim import Rim
 from taichi_membrane.mechanics.system import System
+from taichi_membrane.scene import Stage
+from taichi_membrane.simulation.filling import Filling
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
 from taichi_membrane.simulation.load_step import LoadStep
 from taichi_membrane.simulation.model import Model
@@ -74,7 +75,9 @@ class Equilibrium:
                 self._made.upload()
         self.newton = self._made if self.kind != "relaxation" else None
         settings = model.scene.solver
-        self.gas: Gas | None = None
+        self.filling = Filling(model, self.system)
+        if self.newton is not None:
+            self.newton.fill(self.filling.contents)
         self.rim = Rim.of(model.structure)
         self.tolerance = settings.tolerance or _DEFAULT_TOLERANCE[runtime.current().precision]
 
@@ -103,54 +106,17 @@ class Equilibrium:
         self.system.set_loads(self.model.nodal_loads(state))
         for rigid in self.system.rigid:
             rigid.set_moments(self.model.body_moments(state))
-        if self.gas is not None:
-            self.gas.settle()
+        self.filling.press(state)
 
-    def shut(self, names: Sequence[str], state: LoadState) -> None:
-        """Shut the valves of the named chambers at the present state, a load state's equilibrium, and open all others."""
-        swept = self.system.swept_volumes(self.system.displacement()) if names else np.zeros(0)
-        found = {}
-        for name in names:
-            chamber = self.model.chambers[self.model.pressure_names.index(name)]
-            rest_volume = chamber.volume(self.model.structure.mesh.points)
-            found[name] = (rest_volume + float(chamber.sign @ swept[chamber.triangles]), state.pressures[name])
-        self.gone_on(found)
-
-    def handed_on(self) -> dict[str, tuple[float, float]]:
-        """Volume and pressure of each shut chamber when its valve was shut, by its pressure's name."""
-        chambers = () if self.gas is None else self.gas.chambers
-        return {self.model.pressure_names[one.number]: (one.volume, one.pressure) for one in chambers}
-
-    def gone_on(self, shut: Mapping[str, tuple[float, float]]) -> None:
-        """Let chambers be shut that were so at a volume and a pressure, and all others open."""
-        chambers = []
-        for name, (volume, value) in shut.items():
-            pressure, number = self.model.scene.pressures[name], self.model.pressure_names.index(name)
-            chamber = self.model.chambers[number]
-            rest_volume = chamber.volume(self.model.structure.mesh.points)
-            chambers.append(
-                ShutChamber(
-                    number=number,
-                    triangles=chamber.triangles,
-                    sign=chamber.sign,
-                    rest_volume=rest_volume,
-                    ambient=pressure.ambient or 0.0,
-                    exponent=pressure.exponent,
-                    volume=volume,
-                    pressure=value,
-                )
-            )
-        self.gas = Gas(self.system, tuple(chambers)) if chambers else None
+    def shut(self, stage: Stage, let_out: Mapping[str, float] | None = None) -> None:
+        """Shut the valves that a stage shuts and open all others; see :meth:`.Filling.shut`."""
+        self.filling.shut(stage, let_out)
         if self.newton is not None:
-            self.newton.fill(self.gas)
+            self.newton.fill(self.filling.contents)
 
     def settled(self, state: LoadState) -> LoadState:
-        """A load state with the pressures of shut chambers as they now are."""
-        if self.gas is None:
-            return state
-        now = self.system.surface_loads()
-        names = {f"pressure.{self.model.pressure_names[one.number]}": one.number for one in self.gas.chambers}
-        return LoadState({**state.values, **{name: float(now[number]) for name, number in names.items()}})
+        """A load state with the pressures of shut chambers, and the amounts of gas in all, as they now are."""
+        return self.filling.settled(state)
 
     def step(
         self,
@@ -210,7 +176,7 @@ class Equilibrium:
         parts: list[SolveRecord] = []
         for dose in _DOSES:
             parts.append(self._relax(reference, min(dose, limit), report))
-            balanced = parts[-1].converged and self.gas is None  # relaxation keeps pressures as they are
+            balanced = parts[-1].converged and self.filling.contents is None  # relaxation keeps pressures as they are
             if balanced or parts[-1].reason == "not finite":
                 break
             start = self.system.displacement()
@@ -246,14 +212,17 @@ class Equilibrium:
     def way(self, before: LoadState, after: LoadState) -> Way:
         """The straight way between two load states; there has to be a Newton solver."""
         assert self.newton is not None
-        # The forces of a liquid are not linear in its level.
-        levels = (f"load.{name}" for name in self.model.surface.waters)
+        # The forces of a liquid are not linear in its level, nor those of a gas in its amount.
+        curved = [f"load.{name}" for name in self.model.surface.waters]
+        curved += [name for name in before.values if name.startswith("amount.")]
+        shut = self.filling.contents is not None and self.filling.contents.chambers
+        curved += [name for name in before.values if shut and name.startswith("ambient.")]
         return Way(
             self.newton,
             before,
             after,
             self.apply if before.motions != after.motions else self.press,
-            linear=all(before.values[name] == after.values[name] for name in levels),
+            linear=all(before.values[name] == after.values[name] for name in curved),
         )
 
     def relieved(self, way: Way, share: float) -> bool:
@@ -267,11 +236,12 @@ class Equilibrium:
     def path(self, way: Way) -> Path:
         """The equilibrium path in the share of a way, by arc length."""
         least = self._least(way)
+        volumes = self.filling.volumes()  # those of trial states may be anything
         return Path(
             way.newton,
             apply=way.press,
             force=way.force,
-            reference=lambda share: max(least, self._applied(way.at(share))),
+            reference=lambda share: max(least, self._applied(way.at(share), volumes)),
             tolerance=self.tolerance,
         )
 
@@ -305,6 +275,10 @@ class Equilibrium:
 
         return now
 
-    def _applied(self, state: LoadState) -> float:
-        """Size of the applied loads and of prestress; 0 where there are none."""
+    def _applied(self, state: LoadState, volumes: list[float] | None = None) -> float:
+        """Size of the applied loads and of prestress; 0 where there are none.
+
+        :param volumes: of each gas in shut chambers, whose pressures they make; the present ones when None.
+        """
+        state = self.filling.with_pressures(state, volumes)
         return float(np.hypot(self.model.reference_load(state), self.system.prestress_norm()))

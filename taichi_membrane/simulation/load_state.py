@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_membrane.mechanics.preparation import Floats
-from taichi_membrane.scene import Scene, Stage
-from taichi_membrane.scene.drivers import driver_names, stage_values
+from taichi_membrane.scene import Scene, Stage, drivers
+from taichi_membrane.scene.drivers import stage_values
 
 
 def of_kind(values: Mapping[str, float], kind: str) -> dict[str, float]:
@@ -73,8 +73,11 @@ class Course:
 
 
 def unloaded(scene: Scene) -> LoadState:
-    """The state before the first stage."""
-    return LoadState(dict.fromkeys(driver_names(scene), 0.0))
+    """The state before the first stage; amounts of gas, which the mesh decides, are left at zero."""
+    kinds = drivers.DRIVERS
+    return LoadState(
+        {f"{kind.name}.{name}": kind.start(item) for kind in kinds for name, item in kind.defined(scene).items()}
+    )
 
 
 def stage_target(before: LoadState, stage: Stage) -> LoadState:

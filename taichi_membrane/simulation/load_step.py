@@ -134,7 +134,12 @@ class LoadStep:
         return b, kind
 
     def _at_apex(self, a: Rest) -> bool:
-        """Whether nothing carries and compression is not borne: there stiffness depends on the direction of the least move."""
+        """Whether nothing carries and compression is not borne: there stiffness depends on the direction of the least move.
+
+        So it is where a liquid of given volume begins: the least of it wets a share of the surface.
+        """
+        if self.equilibrium.filling.begins(self.way.before, self.way.after):
+            return True
         structure = self.system.structure
         no_cables = structure.cables is None and structure.ropes is None
         if all(fabric.law == "none" for fabric in structure.fabrics) and no_cables:

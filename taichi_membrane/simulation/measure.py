@@ -65,6 +65,7 @@ class Measure:
         state = course.at(share)
         self.equilibrium.apply(state)
         state = self.equilibrium.settled(state)
+        relieved = self.equilibrium.filling.accept() if record.converged else {}
         displacement = self.system.displacement()
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
@@ -95,9 +96,12 @@ class Measure:
             derivatives=at_rest.derivatives,
             modes=at_rest.modes,
             unknown=self._unknown(stage, at_rest, converged=record.converged, limited=limit is not None),
-            state=State(displacement=displacement, drivers=state.values, shut=self.equilibrium.handed_on()),
+            state=State(
+                displacement=displacement, drivers=state.values, let_out=dict(self.equilibrium.filling.let_out)
+            ),
             seconds=time.perf_counter() - started,
             contact_forces=self._contact_forces(),
+            relieved=relieved,
         )
         return probes.with_own(self.model, step)
 
@@ -122,7 +126,8 @@ class Measure:
         if self.equilibrium.rim.at(self.system.surface_loads(), displacement) is not None:
             return None  # follower pressure without a potential
         energy = self.system.potential_energy(self.model.nodal_loads(state))[0]
-        return energy if self.equilibrium.gas is None else energy + self.equilibrium.gas.energy()
+        contents = self.equilibrium.filling.contents
+        return energy if contents is None else energy + contents.energy()
 
     def _contact_forces(self) -> dict[str, float]:
         """What each plane pushes with, all in all."""
@@ -157,8 +162,8 @@ class Measure:
         if newton is None or factor is None:
             return AtRest()
         displacement = self.system.displacement()
-        shut = () if self.equilibrium.gas is None else tuple(one.number for one in self.equilibrium.gas.chambers)
-        found, no_derivatives = sensitivity.derivatives(self.model, newton, factor, displacement, shut)
+        filling = self.equilibrium.filling
+        found, no_derivatives = sensitivity.derivatives(self.model, newton, factor, displacement, filling)
         shapes, no_modes = None, ""
         try:
             if asked is not None and asked.kind == "vibration":

@@ -15,13 +15,14 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mechanics.wet import rim_moves
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Fabric, Scene, VolumeProbe
 from taichi_membrane.simulation.bodies import PrescribedBody, bodies_of, moments_of, with_body_groups
 from taichi_membrane.simulation.chambers import Chamber, chambers_of, sides
 from taichi_membrane.simulation.dead_forces import unit_forces_of
 from taichi_membrane.simulation.fabrics import fabric_list, fabrics_of, warp_directions
-from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.load_state import LoadState, unloaded
 from taichi_membrane.simulation.members import (
     cables_of,
     line_elements,
@@ -126,6 +127,19 @@ class Model:
             return mesh.enclosed_volume()
         whole = Chamber("", mesh, outer, self.enclosing[outer].astype(np.int8))
         return whole.volume(mesh.points) if len(outer) and whole.is_closed else 0.0
+
+    @cached_property
+    def unloaded(self) -> LoadState:
+        """The state before the first stage: chambers hold what fills them at rest, at the pressure outside."""
+        points, values = self.structure.mesh.points, dict(unloaded(self.scene).values)
+        for chamber in self.chambers:
+            if f"amount.{chamber.name}" in values:
+                values[f"amount.{chamber.name}"] = chamber.volume(points)
+        return LoadState(values)
+
+    def outside(self, state: LoadState, name: str) -> float:
+        """Absolute pressure outside a chamber in a load state."""
+        return state.values.get(f"ambient.{name}", self.scene.pressures[name].ambient or 0.0)
 
     def nodal_loads(self, state: LoadState) -> Floats:
         """(n, 3) dead nodal forces of all drivers."""
@@ -257,6 +271,12 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         water=tuple(surface.waters.values()),
         bodies=bodies,
     )
+    for name in surface.volumes:
+        if rim_moves(structure, surface.waters[name]):
+            raise InputError(
+                f"loads.{name}.given = 'volume': the rim of its elements moves; hold it, or let it move in vertical planes that it "
+                "lies in"
+            )
     return Model(
         scene=scene,
         structure=structure,

@@ -30,6 +30,7 @@ Event = Literal[
     "lost",  # the path could not be followed further
     "relaxed",  # found by relaxation, stable and verified
     "refused",  # what was found is unstable, or lies beyond a jump: not taken
+    "relief",  # a relief valve is open at the step's end, and has let out gas
 ]
 
 

@@ -35,7 +35,10 @@ def validate(model: Model) -> None:
             group_triangles(mesh, probe.group, key)
         elif isinstance(probe, scenes.VolumeProbe):
             model.measured(probe)
-        elif not isinstance(probe, scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe):
+        elif not isinstance(
+            probe,
+            scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe | scenes.AbsoluteProbe | scenes.LevelProbe,
+        ):
             group_nodes(mesh, probe.group, key)
 
 
@@ -85,6 +88,10 @@ def evaluate(model: Model, fields: FieldValues, swept: Floats, state: LoadState)
         if isinstance(probe, scenes.VolumeProbe):
             triangles, share, rest = model.measured(probe)
             values[name] = rest + float((share * swept[triangles]).sum())
+        elif isinstance(probe, scenes.AbsoluteProbe):
+            values[name] = state.pressures[probe.pressure] + model.outside(state, probe.pressure)
+        elif isinstance(probe, scenes.LevelProbe):
+            values[name] = model.surface.level(probe.load, state.loads[probe.load], displacement)
         elif isinstance(probe, scenes.FactorProbe):
             values[name] = state.values[probe.of]
         elif isinstance(probe, scenes.BodyProbe):

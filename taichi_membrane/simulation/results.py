@@ -83,6 +83,8 @@ class StepResult:
     :param unknown: why there is no value of ``stable``, ``derivatives``, ``modes`` or ``limit``, of those that have none.
     :param state: what it hands to the next step: the run goes on from it.
     :param contact_forces: sum of the forces of each plane on the structure along its normal.
+    :param relieved: amount of gas that the relief valve of each chamber let out in the step, of those that opened, by the name of
+        its pressure, of joined chambers the first one's.
     """
 
     number: int
@@ -108,6 +110,7 @@ class StepResult:
     unknown: Mapping[str, str] = field(default_factory=dict)
     trace: Trace = ()
     contact_forces: dict[str, float] = field(default_factory=dict)
+    relieved: dict[str, float] = field(default_factory=dict)
 
     @property
     def stable(self) -> bool | None:

@@ -5,7 +5,7 @@ With F(u, θ) = 0 the out-of-balance forces and K = -∂F/∂u, a probe g(u) has
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from taichi_membrane import scene as scenes
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.algebra.refinement import GOOD
 from taichi_membrane.mechanics.preparation import Floats, volume_gradient
+from taichi_membrane.simulation.filling import Filling
 from taichi_membrane.simulation.groups import group_nodes
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.solvers.newton import Newton
@@ -22,16 +23,16 @@ _LEVEL_STEP = 1e-6
 
 
 def derivatives(
-    model: Model, newton: Newton, factor: Factor, displacement: Floats, shut: Collection[int]
+    model: Model, newton: Newton, factor: Factor, displacement: Floats, filling: Filling
 ) -> tuple[dict[str, dict[str, float]], str]:
-    """Of each probe the scene names, by ``load.NAME``, ``pressure.NAME`` and ``thickness[.GROUP]``, at the state at rest.
+    """Of each probe the scene names, by drivers such as ``load.NAME`` and by ``thickness[.GROUP]``, at the state at rest.
 
-    :param shut: numbers of the chambers whose pressure follows their volume.
+    :param filling: what shut chambers and sags hold.
     :return: none, and why, where one of the solutions is not good.
     """
     if not model.scene.derivatives:
         return {}, "the scene asks for none"
-    forces = dict(_force_derivatives(model, newton, shut))
+    forces = dict(_force_derivatives(model, newton, filling))
     found = {}
     for name in model.scene.derivatives:
         gradient = newton.system.in_frames(_gradient(model, name, displacement))
@@ -42,7 +43,7 @@ def derivatives(
     return found, ""
 
 
-def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> Iterator[tuple[str, Floats]]:
+def _force_derivatives(model: Model, newton: Newton, filling: Filling) -> Iterator[tuple[str, Floats]]:
     """∂F/∂θ at free components for each parameter; the forces are linear in every one but levels, so that differences are exact."""
     system = newton.system
 
@@ -58,17 +59,17 @@ def _force_derivatives(model: Model, newton: Newton, shut: Collection[int]) -> I
     values = system.surface_loads()
     size = float(np.linalg.norm(np.ptp(model.structure.points, axis=0)))
     levels = model.structure.water_values
+    parts: dict[str, Floats] = {}
     for number, driver in enumerate(model.surface_drivers):
-        if number in shut:
-            continue  # not prescribed
         step, changed = np.eye(len(values))[number], []
         if levels.start <= number < levels.stop:
             step = step * (_LEVEL_STEP * size)
         for sign in (1.0, -1.0):
             system.set_surface_loads(values + sign * step)
             changed.append(newton.free_force())
-        yield driver, (changed[0] - changed[1]) / (2.0 * float(step[number]))
         system.set_surface_loads(values)
+        parts[driver] = (changed[0] - changed[1]) / (2.0 * float(step[number]))
+    yield from filling.by_drivers(parts)
     for number, (name, fabric) in enumerate(model.fabric_names()):
         system.scale_thickness(number, 2.0)
         label = "thickness" if len(model.fabric_names()) == 1 else f"thickness.{name}"

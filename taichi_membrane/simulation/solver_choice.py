@@ -10,6 +10,7 @@ import numpy as np
 from taichi_membrane.device import runtime
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.rim import Rim
+from taichi_membrane.scene.drivers import shut_by
 from taichi_membrane.simulation.load_state import stage_targets
 from taichi_membrane.simulation.model import Model
 
@@ -41,10 +42,15 @@ def chosen_solver(model: Model) -> SolverChoice:
         if scene.modes is not None or scene.derivatives:
             raise InputError(f"modes and derivatives need Newton's tangent: {hindrance}")
         for stage in scene.stages:
-            if stage.closed:
-                raise InputError(f"stages.{stage.name}.closed needs Newton: {hindrance}")
+            if shut_by(scene, stage):
+                key = "closed" if stage.closed else "amount"
+                raise InputError(f"stages.{stage.name}.{key} needs Newton: {hindrance}")
             if stage.control == "arc_length":
                 raise InputError(f"stages.{stage.name}.control = 'arc_length' needs Newton: {hindrance}; use 'load'")
+        for name in model.surface.volumes:
+            raise InputError(f"loads.{name}.given = 'volume' needs Newton: {hindrance}")
+    if scene.modes is not None and model.surface.volumes:
+        raise InputError(f"modes of liquids of given volume are not implemented: {', '.join(model.surface.volumes)}")
     if scene.modes is not None and without_potential(model):
         raise InputError(
             f"modes.kind = '{scene.modes.kind}' needs a symmetric tangent, and loads on the surface have no potential here: "

@@ -30,14 +30,14 @@ class State:
     """What one load step hands to the next.
 
     :param displacement: (n, 3).
-    :param drivers: value of every driver, pressures of shut chambers as they are.
+    :param drivers: value of every driver, pressures and amounts of gas as they are.
     :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.stiffest.Stiffest`.
-    :param shut: of each chamber that is shut, by its pressure's name, volume and pressure when it was.
+    :param let_out: amount of gas that relief valves have let out since the stage began, by the first pressure of each gas.
     :param path: where the stage's path is, of a stage by arc length.
     """
 
     displacement: Floats
     drivers: Mapping[str, float]
     stiffest: float = 0.0
-    shut: Mapping[str, tuple[float, float]]
+    let_out: Mapping[str, float]
     path: PathState | None = None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.mechanics.pond import Pond
 from taichi_membrane.mechanics.preparation import Floats, PlanLoads, Water, nodal_pressure, sides_now, sum_to_nodes
 from taichi_membrane.mechanics.wet import corner_forces
 from taichi_membrane.mesh import Mesh
@@ -23,6 +24,7 @@ class SurfaceLoads:
     """What winds, loads per plan area and liquids do to each triangle, by their names; those that no stage uses are left out.
 
     :param winds: (tri_count,) pressure along the normal at value 1.
+    :param volumes: weight per volume of the liquids whose volume stages give.
     :param snows: (tri_count,) share of the load that a triangle bears, all along ``down``.
     """
 
@@ -31,6 +33,7 @@ class SurfaceLoads:
     snows: Mapping[str, Floats]
     down: Floats
     waters: Mapping[str, Water]
+    volumes: Mapping[str, float]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -59,12 +62,23 @@ class SurfaceLoads:
         still, corners = np.zeros_like(self.mesh.points), np.zeros((self.mesh.tri_count, 3, 3))
         if name in self.waters:
             one = self.waters[name]
+            if name in self.volumes:
+                value = self.pond(name, value).level(still)
             corners[one.tri] = corner_forces(self.mesh.points, one, value, still)
         else:
             sides = sides_now(self.mesh, still, np.arange(self.mesh.tri_count))
             plan = np.maximum(-np.cross(sides[:, 1], sides[:, 2]) @ self.down, 0.0)
             corners += (value * self.snows[name] * plan / 6.0)[:, None, None] * self.down
         return sum_to_nodes(self.mesh, corners.reshape(-1, 3))
+
+    def level(self, name: str, value: float, displacement: Floats) -> float:
+        """Height of a liquid's level above its floor, from what a stage gives."""
+        return self.pond(name, value).level(displacement) if name in self.volumes else value
+
+    def pond(self, name: str, volume: float) -> Pond:
+        """A liquid by its volume."""
+        number = len(self.winds) + len(self.snows) + list(self.waters).index(name)
+        return Pond(number=number, one=self.waters[name], weight=self.volumes[name], volume=volume)
 
 
 def surface_loads_of(scene: Scene, mesh: Mesh, *, unused: bool = False) -> SurfaceLoads:
@@ -74,6 +88,7 @@ def surface_loads_of(scene: Scene, mesh: Mesh, *, unused: bool = False) -> Surfa
     :raises InputError: unknown groups, two coefficients of one element, an angle that a table does not reach, a floor too high.
     """
     winds, snows, waters, down = {}, {}, {}, np.array([0.0, 0.0, -1.0])
+    volumes: dict[str, float] = {}
     for name, load in scene.loads.items():
         used = unused or any(stage.loads.get(name) for stage in scene.stages)
         if isinstance(load, WindLoad):
@@ -91,7 +106,8 @@ def surface_loads_of(scene: Scene, mesh: Mesh, *, unused: bool = False) -> Surfa
             water = _water(mesh, name, load)
             if used:
                 waters[name] = water
-    return SurfaceLoads(mesh, winds, snows, down, waters)
+                volumes |= {name: load.specific_weight} if load.given == "volume" else {}
+    return SurfaceLoads(mesh, winds, snows, down, waters, volumes)
 
 
 def _water(mesh: Mesh, name: str, load: WaterLoad) -> Water:
@@ -104,7 +120,7 @@ def _water(mesh: Mesh, name: str, load: WaterLoad) -> Water:
         )
     water = Water(mesh=mesh, up=up, floor=float(np.array(load.floor) @ up), weight=weight)
     lowest = float((mesh.points @ up)[mesh.triangles[water.tri]].min())
-    if lowest < water.floor - _NO_RADIUS * np.linalg.norm(np.ptp(mesh.points, axis=0)):
+    if load.given == "level" and lowest < water.floor - _NO_RADIUS * np.linalg.norm(np.ptp(mesh.points, axis=0)):
         raise InputError(
             f"loads.{name}.floor: at height {water.floor:.6g}, but elements of the group go down to {lowest:.6g} and would be "
             "wet at level zero; give a floor no higher than that"

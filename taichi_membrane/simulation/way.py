@@ -102,6 +102,8 @@ class Way:
         position = self.system.displacement() if self.moves else None
         # Where they are linear a whole way's difference is exact.
         ahead, behind = (share + 1.0, share) if self.linear else (share + _DIFFERENCE, share - _DIFFERENCE)
+        if not (self.linear or self.moves) and share == 0.0:
+            behind = share  # there may be less than nothing behind it: of water, or of depth
         self.press(ahead)
         more = self.newton.free_force()
         self.press(behind)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.algebra.protocol import DIRECT, Algebra, Factor
+from taichi_membrane.mechanics.contents import Contents
 from taichi_membrane.mechanics.coupled import coupled
-from taichi_membrane.mechanics.gas import Gas
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.rim import Rim, Skew, SkewFactor, symmetric
 from taichi_membrane.mechanics.system import System
@@ -56,7 +56,7 @@ class Newton:
         self.tangent = Tangent(system, algebra)
         self.free: NDArray[np.bool_] = ~system.structure.node_held
         self.shift = 0.0
-        self.gas: Gas | None = None
+        self.contents: Contents | None = None
         self.rim = Rim.of(system.structure)
         self._refusal = ""  # why a linear solution of the present step was refused
         self._skew: Skew | None = None  # of the state that the present step starts from
@@ -88,7 +88,8 @@ class Newton:
         residual, reason, iteration = np.inf, "iteration limit", 0
         for iteration in range(max_iterations + 1):
             force = self.free_force()
-            residual = float(np.linalg.norm(force)) / force_now(reference)
+            with np.errstate(over="ignore", invalid="ignore"):  # of a step that went far astray
+                residual = float(np.linalg.norm(force)) / force_now(reference)
             if report is not None:
                 report(Progress(iteration=iteration, residual=residual, seconds=time.perf_counter() - started))
             if not np.isfinite(residual) or not np.isfinite(energy):
@@ -120,11 +121,11 @@ class Newton:
             method="newton",
         )
 
-    def fill(self, gas: Gas | None) -> None:
-        """Couple the displacements with the gas in shut chambers, or no longer."""
-        if gas is not None or self.gas is not None:
+    def fill(self, contents: Contents | None) -> None:
+        """Couple the displacements with gas in shut chambers and liquids of given volume, or no longer."""
+        if contents is not None or self.contents is not None:
             self._kept = None  # the tangent of another problem
-        self.gas = gas
+        self.contents = contents
 
     def free_force(self) -> Floats:
         """(node_count, 3) out-of-balance forces at free components."""
@@ -143,8 +144,8 @@ class Newton:
 
     def _whole(self, factor: Factor | None, skew: Skew | None) -> Factor | None:
         """The factorised sparse symmetric part with what shut chambers and pressures without a potential add."""
-        if factor is not None and self.gas is not None:
-            factor = coupled(factor, self.gas.rank_one(), self.free)
+        if factor is not None and self.contents is not None:
+            factor = coupled(factor, self.contents.rank_one(), self.free)
         return factor if factor is None or skew is None else SkewFactor(factor, skew)
 
     def _restarted(self, loads: Floats) -> float:
@@ -153,12 +154,12 @@ class Newton:
         return self._settled_energy(loads)
 
     def _settled_energy(self, loads: Floats) -> float:
-        """Potential energy at the present displacements, with the pressures of closed chambers set to what they are there."""
-        if self.gas is not None:
-            self.gas.settle()
+        """Potential energy at the present displacements, with pressures and levels that follow them set to what they are there."""
+        if self.contents is not None:
+            self.contents.settle()
         energy = self.system.potential_energy(loads)[0]
-        if self.gas is not None:
-            energy += self.gas.energy()
+        if self.contents is not None:
+            energy += self.contents.energy()
         if self._skew is not None:
             energy += self._skew.work_beyond(self.system.displacement())
         return energy
@@ -166,8 +167,8 @@ class Newton:
     def _return(self, position: Floats) -> None:
         """Go back to displacements, and pressures, that a trial step has left."""
         self.system.set_displacement(position)
-        if self.gas is not None:
-            self.gas.settle()
+        if self.contents is not None:
+            self.contents.settle()
 
     def at_rest(self) -> Factor | None:
         """The factorised tangent at the present state, indefinite or not; None where it is singular.
@@ -177,7 +178,7 @@ class Newton:
         if self._kept is not None and self._is_here(self._kept):
             return self._kept[1]
         factor = self.factorised(indefinite=True)
-        self._kept = None if factor is None else (self.system.tangent_state(), factor)
+        self._kept = None if factor is None else (self._tangent_state(), factor)
         return factor
 
     def upload(self) -> None:
@@ -185,7 +186,7 @@ class Newton:
         self.tangent.upload()
         self.free = ~self.system.structure.node_held
         self.rim = Rim.of(self.system.structure)
-        self._kept, self.gas, self._skew = None, None, None
+        self._kept, self.contents, self._skew = None, None, None
 
     def _factor_at_rest(self) -> Factor | None:
         """What :meth:`at_rest` kept, where it is still the tangent of this state."""
@@ -194,7 +195,12 @@ class Newton:
 
     def _is_here(self, kept: tuple[tuple[Floats, ...], Factor]) -> bool:
         """Whether all that the tangent depends on is as it was for a kept factor."""
-        return all(map(np.array_equal, kept[0], self.system.tangent_state()))
+        return all(map(np.array_equal, kept[0], self._tangent_state()))
+
+    def _tangent_state(self) -> tuple[Floats, ...]:
+        """All that the tangent depends on."""
+        state = self.system.tangent_state()
+        return state if self.contents is None else (*state, self.contents.key())
 
     def _step(self, position: Floats, energy: float, force: Floats, loads: Floats) -> tuple[Floats, float] | None:
         """One step that lowers the energy: raise the shift until the tangent is definite and backtracking succeeds."""

@@ -14,6 +14,7 @@ from taichi_membrane.assurance.verdicts import oracle
 from taichi_membrane.assurance.verdicts.case import Case, Finding, State
 from taichi_membrane.errors import InputError
 from taichi_membrane.scene import Scene
+from taichi_membrane.scene.drivers import shut_by
 from taichi_membrane.simulation.load_state import stage_targets
 from taichi_membrane.simulation.model import build_model
 from taichi_membrane.simulation.results import RunResult, StepResult
@@ -75,7 +76,7 @@ def _words(steps: Sequence[StepResult]) -> list[str]:
 def _at_target(scene: Scene, last: StepResult) -> bool:
     """Whether a step has its stage's loads; pressures of shut chambers follow their volume."""
     index = [stage.name for stage in scene.stages].index(last.stage)
-    target, shut = stage_targets(scene)[index], scene.stages[index].closed
+    target, shut = stage_targets(scene)[index], shut_by(scene, scene.stages[index])
     pressures = {name: value for name, value in target.pressures.items() if name not in shut}
     there = [(pressures, last.pressures), (target.loads, last.loads), (target.motions, last.motions)]
     complete = index == len(scene.stages) - 1

@@ -11,6 +11,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from taichi_membrane.assurance.verdicts.case import State
 from taichi_membrane.mechanics.preparation import volume_gradient
+from taichi_membrane.scene.drivers import shut_by
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import StepResult
@@ -79,7 +80,7 @@ def tangent(work: Any, model: Model, step: StepResult) -> sparse.csr_matrix | Fl
     """The tangent over free components at the state that the membrane is in; with what the gas in shut chambers adds."""
     free = ~model.structure.node_held.ravel()
     stiffness = work.newton.tangent.matrix()[free][:, free]
-    shut = next(stage for stage in model.scene.stages if stage.name == step.stage).closed
+    shut = shut_by(model.scene, next(stage for stage in model.scene.stages if stage.name == step.stage))
     if not shut:
         return stiffness
     full: Floats = stiffness.toarray()

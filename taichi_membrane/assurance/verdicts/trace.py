@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from taichi_membrane.assurance.verdicts import truth
 from taichi_membrane.assurance.verdicts.bench import scene_of
 from taichi_membrane.assurance.verdicts.case import Case
+from taichi_membrane.scene.drivers import shut_by
 from taichi_membrane.simulation.load_state import Course, stage_targets, unloaded
 from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
 
@@ -77,7 +78,7 @@ class Tracer:
             for _ in range(stage.steps):
                 start = next(steps).displacement
         last = scene.stages[-1]
-        if last.closed or last.motions or self.work.newton is None:
+        if shut_by(scene, last) or last.motions or self.work.newton is None:
             raise ArithmeticError("shut chambers, motions and laws without a tangent are not traced")
         self.start = start
         self.free = ~self.model.structure.node_held

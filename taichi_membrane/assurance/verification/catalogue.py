@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from taichi_membrane.assurance.verification import cables, films, pressure, rigid, tubes, wrinkling
+from taichi_membrane.assurance.verification import cables, filled, films, pressure, rigid, tubes, wrinkling
 from taichi_membrane.assurance.verification.benchmark import Benchmark
 from taichi_membrane.errors import InputError
 
@@ -28,6 +28,9 @@ CASES: dict[str, Callable[[], Benchmark]] = {
     "hypar": films.hypar,
     "catenary": cables.catenary,
     "pulley": cables.pulley,
+    "balloon": filled.balloon,
+    "plates": filled.plates,
+    "pond": filled.pond,
 }
 
 

@@ -18,6 +18,25 @@ def sphere_stretch(pressure: float, radius: float, stiffness: float, nu: float) 
     return half + math.hypot(half, 1.0)
 
 
+def balloon_pressure(stretch: float, nu: float) -> float:
+    """Pressure over E t/R of a sphere that is linear by engineering strain: N = E t (λ - 1)/((1 - ν) λ) and p = 2 N/(R λ)."""
+    return 2.0 * (stretch - 1.0) / ((1.0 - nu) * stretch**2)
+
+
+def strip_pond(weight: float, volume: float) -> tuple[float, float]:
+    """Level above the ends, and sag of the middle, of a taut strip of span 1 and tension 1 under a volume of liquid per width.
+
+    T d'' = -γ d of the depth d, k² = γ/T. Up to k = π it is wet all over, as if walls stood at its ends: d = h cos(k x)/cos(k/2)
+    from the middle, V = 2 h tan(k/2)/k. Beyond, the pond is π/k wide, d = D cos(k x), V = 2 D/k, and the strip straight beside it.
+    """
+    k = math.sqrt(weight)
+    if k < math.pi:
+        level = 0.5 * volume * k / math.tan(0.5 * k)
+        return level, level / math.cos(0.5 * k) - level
+    level = -0.25 * volume * k**2 * (1.0 - math.pi / k)
+    return level, 0.5 * volume * k - level
+
+
 def cylinder_stretches(pressure: float, radius: float, stiffness: float, nu: float) -> tuple[float, float]:
     """Hoop and axial stretch of an inflated SVK cylinder with closed ends: S_t = p R λ_x, λ_x S_x = p R λ_t²/2.
 
