@@ -220,7 +220,7 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wind", "expected"),
     [
-        ({}, r"give either cp, a coefficient for each element group, or table"),
+        ({}, r"give either cp, a coefficient for each element group or their field, or table"),
         ({"cp": {"all": 1.0}, "table": FLOW | {"direction": [1, 0, 0], "centre": [0, 0, 0]}}, r"give either cp"),
         ({"cp": {"half": 0.8, "upper": -0.4}},
          r"loads\.wind\.cp: element \d+ \(and \d+ others\) has 0\.8 by group 'half' and -0\.4 by group 'upper'"),

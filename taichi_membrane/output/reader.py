@@ -35,8 +35,10 @@ from taichi_membrane.simulation.state import PathState, State
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 5
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
+DATA = "data:"  # begins the name of an array in mesh.vtu that the scene takes values of elements from
 PATH = "path_"  # begins the names of what a stage by arc length goes on from
 PATH_ARRAYS = ("path_tangent", "path_advance")
+LINE_ARRAYS, LINE_GROUPS = ("lines", "loose_points"), ("line_groups", "loose_groups")
 MODE = "mode_"  # begins the name of a mode shape in a step's file
 
 
@@ -77,7 +79,7 @@ def read_run(directory: Path) -> SavedRun:
     with _damage_told(directory):
         mesh_checksum = str(summary["mesh"]["sha256"])
         records = tuple(dict(record) for record in summary["steps"])
-        mesh = _mesh(directory / MESH, mesh_checksum)
+        mesh = _mesh(directory / MESH, mesh_checksum, summary["mesh"])
         return SavedRun(
             directory=directory,
             scene=scene,
@@ -179,7 +181,8 @@ def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
         raise InputError(f"{directory / SUMMARY}: damaged scene: {mistakes(error, data, Scene)}") from None
 
 
-def _mesh(path: Path, checksum: str) -> Mesh:
+def _mesh(path: Path, checksum: str, record: Mapping[str, Any]) -> Mesh:
+    """The mesh of a run: triangles from its file, lines, loose points and what was said of it from the summary."""
     content = _read_vtu(path, checksum)
     cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
     triangles = content.cells_dict.get("triangle")
@@ -194,7 +197,11 @@ def _mesh(path: Path, checksum: str) -> Mesh:
         warp,
         where=str(path),
         open_seams=True,  # the scene said what becomes of them when the run began
+        tri_fields={unquote(name.removeprefix(DATA)): held for name, held in cells.items() if name.startswith(DATA)},
+        notes=tuple(map(str, record["notes"])),
+        **{key: record[key] for key in (*LINE_ARRAYS, *LINE_GROUPS) if key in record},
     )
+    mesh = replace(mesh, mended=tuple(map(str, record["mended"])))
     # They were unit vectors in the elements' planes already; made so once more, they would differ in the last bit.
     return mesh if warp is None else replace(mesh, tri_warp=frozen(np.asarray(warp, dtype=np.float64)))
 

@@ -29,9 +29,12 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.lock import LOCK
 from taichi_membrane.output.reader import (
+    DATA,
     FORMAT,
     FORMAT_VERSION,
     GROUP,
+    LINE_ARRAYS,
+    LINE_GROUPS,
     MESH,
     MODE,
     PATH,
@@ -151,6 +154,7 @@ class Writer:
         cells: dict[str, NDArray[Any]] = {"fabric": self._tri_fabric}
         if mesh.tri_warp is not None:
             cells["warp"] = mesh.tri_warp
+        cells |= {DATA + quote(name): values for name, values in mesh.tri_fields.items()}
         return _write_vtu(
             path,
             mesh,
@@ -209,6 +213,7 @@ class Writer:
                 "area": float(mesh.tri_areas().sum()),
                 "mended": list(mesh.mended),
                 "notes": list(mesh.notes),
+                **_line_record(mesh),
                 "node_groups": {name: len(members) for name, members in mesh.node_groups.items()},
                 "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
             },
@@ -366,6 +371,14 @@ def _remove_stale(directory: Path, ours_now: set[str]) -> None:
     for path in directory.iterdir():
         if re.fullmatch(f"{_OURS}|{_TEMPORARY}", path.name) and path.name not in ours_now:
             path.unlink()
+
+
+def _line_record(mesh: Mesh) -> dict[str, Any]:
+    """Lines and loose points, which mesh.vtu has no place for; nothing where there are none."""
+    if not (len(mesh.lines) or len(mesh.loose_points)):
+        return {}
+    groups = {key: {name: one.tolist() for name, one in getattr(mesh, key).items()} for key in LINE_GROUPS}
+    return {key: getattr(mesh, key).tolist() for key in LINE_ARRAYS} | groups
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -9,6 +9,7 @@ from html import escape
 import numpy as np
 
 from taichi_membrane.output.tables import check_columns, stability_notes, step_columns
+from taichi_membrane.scene.element_field import given_text
 from taichi_membrane.simulation.results import RunResult
 
 
@@ -138,8 +139,8 @@ def _fabrics(result: RunResult) -> Table:
     fabrics = default | scene.fabrics
     stress, length = scene.units.stress, scene.units.length
     rows = [
-        [group, *(f"{v:g}" for v in (one.warp_modulus, one.weft_modulus, one.shear_modulus, one.nu, one.thickness)),
-         one.law, ", ".join(f"{part:g}" for part in one.prestress)]
+        [group, *(f"{v:g}" for v in (one.warp_modulus, one.weft_modulus, one.shear_modulus, one.nu)),
+         given_text(one.thickness), one.law, given_text(one.prestress)]
         for group, one in fabrics.items()
     ]  # fmt: skip
     headers = ["group", *(f"{name} [{stress}]" for name in ("E warp", "E weft", "G")), "nu", f"thickness [{length}]",

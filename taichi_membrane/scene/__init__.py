@@ -7,7 +7,9 @@ from taichi_membrane.scene.base import (
     Vector,
 )
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
+from taichi_membrane.scene.element_field import ElementField, WarpSource
 from taichi_membrane.scene.fabric import Fabric
+from taichi_membrane.scene.growth import Shrinkage, Temperature
 from taichi_membrane.scene.loads import AnyLoad, Load, Pressure, SnowLoad, WaterLoad, WeightLoad, WindLoad, WindTable
 from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import (
@@ -63,6 +65,7 @@ __all__ = [
     "CushionShape",
     "DiscShape",
     "DisplacementProbe",
+    "ElementField",
     "Fabric",
     "FactorProbe",
     "GivenMesh",
@@ -83,17 +86,20 @@ __all__ = [
     "Rotation",
     "RotationProbe",
     "Scene",
+    "Shrinkage",
     "SnowLoad",
     "Solver",
     "SphereShape",
     "Stage",
     "StressProbe",
     "Support",
+    "Temperature",
     "Translation",
     "TubeShape",
     "Units",
     "Vector",
     "VolumeProbe",
+    "WarpSource",
     "WaterLoad",
     "WedgeShape",
     "WeightLoad",

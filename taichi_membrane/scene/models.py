@@ -16,6 +16,7 @@ from taichi_membrane.scene import drivers
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.fabric import Fabric
+from taichi_membrane.scene.growth import Shrinkage, Temperature
 from taichi_membrane.scene.loads import AnyLoad, Pressure, SnowLoad, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane
 from taichi_membrane.scene.mesh_source import MeshSource
@@ -135,6 +136,10 @@ class Scene(Record):
     """Loads of unit factor by name."""
     motions: Annotated[dict[Name, Motion], _FEW] = {}
     """Prescribed motions of unit factor by name."""
+    shrinkages: Annotated[dict[Name, Shrinkage], _FEW] = {}
+    """Shrinkages of unit factor by name."""
+    temperatures: Annotated[dict[Name, Temperature], _FEW] = {}
+    """Changes of temperature by name."""
     stages: Annotated[list[Stage], Field(min_length=1, max_length=MOST)]
     """Ramps of pressures, loads and motions, one after another."""
     probes: Annotated[dict[Name, Probe], _FEW] = {}
@@ -188,6 +193,7 @@ class Scene(Record):
             if isinstance(load, WeightLoad):
                 self._check_masses(f"loads.{load_name}")
         self._check_snow()
+        self._check_expansion()
         if self.modes is not None and self.modes.stage is not None:
             _known(self.modes.stage, names, "modes.stage", "a stage")
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
@@ -209,7 +215,7 @@ class Scene(Record):
     def _check_masses(self, user: str) -> None:
         """Refuse a fabric without a mass."""
         for name, fabric in {"fabric": self.fabric, **{f"fabrics.{n}": f for n, f in self.fabrics.items()}}.items():
-            if fabric is not None and fabric.surface_mass is None:
+            if fabric is not None and not fabric.has_mass:
                 raise ValueError(f"{name}.density is missing (or mass_per_area): {user} needs it")
 
     def _check_snow(self) -> None:
@@ -225,6 +231,13 @@ class Scene(Record):
                     f"loads.{name}.direction = {list(direction)}, but loads.{found[0][0]}.direction = {list(found[0][1])}; "
                     "all loads per plan area of a scene have one direction"
                 )
+
+    def _check_expansion(self) -> None:
+        """Refuse a temperature that nothing answers to."""
+        fabrics = [*self.fabrics.values(), *([] if self.fabric is None else [self.fabric])]
+        if self.temperatures and not any(any(fabric.expansion) for fabric in fabrics):
+            name = next(iter(self.temperatures))
+            raise ValueError(f"temperatures.{name}: no fabric has an expansion; give fabric.expansion = [warp, weft]")
 
     def _check_planes(self) -> None:
         """Refuse what takes the tangent in contact for that of the structure: it holds springs, where the planes are rigid."""

@@ -33,8 +33,8 @@ _NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
 # Along a path residuals are compared with the loads there, which may pass through zero: with this share of the step's at least.
 _LEAST_REFERENCE = 1e-3
 
-# Round-offs of the stiffest forces that the residual of motions may consist of: a node gathers some six triangles, each of three
-# corners and as many sides.
+# Round-offs of the stiffest forces that the residual of motions, or the force of a way that moves nothing, may consist of: a node
+# gathers some six triangles, each of three corners and as many sides.
 _ROUND_OFFS = 50.0
 
 # How many nodes a step that fails names.
@@ -91,15 +91,16 @@ class Equilibrium:
         self.system.element_state()
 
     def apply(self, state: LoadState) -> None:
-        """Set pressures, loads and prescribed displacements."""
+        """Set pressures, loads, stress-free strain and prescribed displacements."""
         if self.model.motions:
             self.system.set_displacement(self.model.moved(self.system.displacement(), state))
         self.press(state)
 
     def press(self, state: LoadState) -> None:
-        """Set pressures and loads."""
+        """Set pressures, loads and stress-free strain."""
         self.system.set_surface_loads(self.model.surface_values(state))
         self.system.set_loads(self.model.nodal_loads(state))
+        self.system.set_growth(self.model.growth_values(state))
         if self.gas is not None:
             self.gas.settle()
 
@@ -243,15 +244,24 @@ class Equilibrium:
     def way(self, before: LoadState, after: LoadState) -> Way:
         """The straight way between two load states; there has to be a Newton solver."""
         assert self.newton is not None
-        # The forces of a liquid are not linear in its level.
-        levels = (f"load.{name}" for name in self.model.surface.waters)
+        # The forces of a liquid are not linear in its level, nor those of wrinkled fabric in its stress-free strain.
+        curved = (*(f"load.{name}" for name in self.model.surface.waters), *self.model.growth.drivers)
         return Way(
             self.newton,
             before,
             after,
             self.apply if before.motions != after.motions else self.press,
-            linear=all(before.values[name] == after.values[name] for name in levels),
+            linear=all(before.values[name] == after.values[name] for name in curved),
+            round_off=self._round_off(before, after),
         )
+
+    def _round_off(self, before: LoadState, after: LoadState) -> Callable[[float], float] | None:
+        """What rounding leaves of the force of stress-free strain, which may be hindered evenly and move nothing."""
+        if all(before.values[name] == after.values[name] for name in self.model.growth.drivers):
+            return None
+        eps = float(np.finfo(self.system.dtype).eps)
+        ends = sum(self.system.self_stress_norm(self.model.growth_values(one)) for one in (before, after))
+        return lambda share: _ROUND_OFFS * eps * (self.system.stress_norm() / share + ends)
 
     def relieved(self, way: Way, share: float) -> bool:
         """Whether what acts at the start of a way has gone at a share of it, but for less than its path is followed to."""
@@ -273,14 +283,17 @@ class Equilibrium:
         )
 
     def reference(self, state: LoadState) -> Reference:
-        """Size of what acts: applied loads and prestress; failing both, the reactions of motions, or the scene's largest load."""
+        """Size of what acts: applied loads, prestress and hindered stress-free strain.
+
+        Failing all, the reactions of motions, or the scene's largest load.
+        """
         applied = self._applied(state)
         if applied > 0.0:
             return applied
         if any(state.motions.values()):
             return self._reactions()
         targets = stage_targets(self.model.scene)
-        return max(self.model.reference_load(one) for one in targets) or 1.0
+        return max(self._applied(one) for one in targets) or 1.0
 
     def _reactions(self) -> Reference:
         """Size of the support forces at the present state, for a membrane that motions alone act on.
@@ -304,5 +317,6 @@ class Equilibrium:
         return now
 
     def _applied(self, state: LoadState) -> float:
-        """Size of the applied loads and of prestress; 0 where there are none."""
-        return float(np.hypot(self.model.reference_load(state), self.system.prestress_norm()))
+        """Size of the applied loads, of prestress and of hindered stress-free strain; 0 where there are none."""
+        inner = self.system.self_stress_norm(self.model.growth_values(state))
+        return float(np.hypot(self.model.reference_load(state), inner))

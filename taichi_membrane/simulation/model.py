@@ -19,12 +19,16 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Fabric, Scene, VolumeProbe
 from taichi_membrane.simulation.chambers import Chamber, chambers_of, sides
 from taichi_membrane.simulation.dead_forces import unit_forces_of
-from taichi_membrane.simulation.fabrics import fabric_list, fabrics_of, warp_directions
+from taichi_membrane.simulation.element_data import with_used_data
+from taichi_membrane.simulation.fabrics import fabrics_of, prestress_of, thickness_of
+from taichi_membrane.simulation.groups import fabric_list
+from taichi_membrane.simulation.growth import Growth, growth_of
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.members import cables_of, planes_of, with_cable_nodes
 from taichi_membrane.simulation.results import ProbeFunction
 from taichi_membrane.simulation.supports import PrescribedMotion, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
+from taichi_membrane.simulation.warp import warp_directions
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
 # for every load step (its fields); besides, the record of a step.
@@ -52,6 +56,7 @@ class Model:
     :param surface: winds, loads per plan area and liquids.
     :param unit_forces: (n, 3) dead nodal forces at value 1 of each driver that has some, by names such as ``load.tip``.
     :param motions: prescribed motions of node groups.
+    :param growth: shrinkages and temperatures.
     :param own_probes: what is measured at every load step beside the scene's probes, by name.
     """
 
@@ -61,6 +66,7 @@ class Model:
     surface: SurfaceLoads
     unit_forces: Mapping[str, Floats]
     motions: Mapping[str, PrescribedMotion]
+    growth: Growth
     own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
 
     def fabric_names(self) -> list[tuple[str, Fabric]]:
@@ -134,6 +140,10 @@ class Model:
         """Values of all loads on the surface: each follower pressure, then winds, loads per plan area, levels of liquids."""
         return np.array([state.values[driver] for driver in self.surface_drivers])
 
+    def growth_values(self, state: LoadState) -> Floats:
+        """Values of the drivers of stress-free strain."""
+        return np.array([state.values[driver] for driver in self.growth.drivers])
+
     def reference_load(self, state: LoadState) -> float:
         """2-norm of all applied nodal forces, to which residuals are compared: those on the unstressed surface, and dead loads."""
         structure = self.structure
@@ -196,6 +206,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     chambers = chambers_of(scene, mesh)
     tri_chamber, tri_ahead = sides(chambers, mesh.tri_count)
     surface = surface_loads_of(scene, mesh)
+    growth = growth_of(scene, mesh, tri_fabric)
     unit_forces = unit_forces_of(scene, mesh)
     held, frame = held_components(scene, mesh)
     motions = motions_of(scene, mesh, held, frame)
@@ -204,7 +215,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     if left:
         raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
     structure = Structure(
-        mesh=mesh,
+        mesh=with_used_data(scene, mesh),
         fabrics=fabrics,
         tri_fabric=tri_fabric,
         tri_warp=warp_directions(scene, mesh, tri_fabric, fabrics),
@@ -218,6 +229,9 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         wind=surface.wind,
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),
+        tri_thickness=thickness_of(scene, mesh, tri_fabric),
+        tri_prestress=prestress_of(scene, mesh, tri_fabric),
+        growth=growth.array,
     )
     return Model(
         scene=scene,
@@ -226,6 +240,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         surface=surface,
         unit_forces=unit_forces,
         motions=motions,
+        growth=growth,
         own_probes=dict(own_probes or {}),
     )
 

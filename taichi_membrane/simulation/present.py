@@ -93,9 +93,8 @@ class Present:
         corners = (mesh.points + self.displacement)[mesh.triangles]
         side = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
         length = np.linalg.norm(side, axis=2)
-        green = np.array([fabric.side_strain == "green" for fabric in structure.fabrics])[structure.tri_fabric]
-        thickness = np.array([fabric.thickness for fabric in structure.fabrics])[structure.tri_fabric]
-        volume = geometry.area * thickness
+        green = structure.green
+        volume = geometry.area * structure.thickness
         natural = volume[:, None] * np.einsum("iba,ib->ia", geometry.strain_matrix, self.elements.stress)
         reach = np.where(green[:, None], geometry.side_length, length)
         density = np.divide(natural, reach, out=np.zeros_like(natural), where=reach > 0.0)
