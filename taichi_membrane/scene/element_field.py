@@ -27,14 +27,14 @@ class WarpSource(Record):
     """A line: the mesh edges with both ends in a node group, or a group of line elements; the direction of its nearest piece."""
     around: Direction | None = None
     """Direction of an axis that the warp runs around, as a hoop."""
-    through: Vector = (0.0, 0.0, 0.0)
-    """A point of the axis of ``around`` [length]."""
+    through: Vector | None = None
+    """A point of the axis of ``around`` [length]; the origin without it."""
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if sum(one is not None for one in (self.field, self.along, self.around)) != 1:
             raise ValueError("give one of field, along and around")
-        if self.around is None and "through" in self.model_fields_set:
+        if self.around is None and self.through is not None:
             raise ValueError("through is a point of the axis of around; leave it out")
         return self
 

@@ -108,9 +108,9 @@ def _wrong_branch(detail: ErrorDetails) -> bool:
     """Pydantic tries each branch of "a number or a table"; only the branch that fits what was given has something to say."""
     if any(str(part).startswith("dict[") for part in detail["loc"]):
         return detail["type"] == "dict_type"
-    branch = str(detail["loc"][-1]) if detail["loc"] else ""
+    branch = _branch(str(detail["loc"][-1])) if detail["loc"] else ""
     if isinstance(detail["input"], dict):
-        return branch == "float" or "constrained-float" in branch or detail["type"] == "tuple_type"
+        return branch in ("float", "constrained-float") or branch.startswith("tuple[")
     return detail["type"] == "model_type" and branch in _TABLES
 
 
@@ -150,8 +150,16 @@ def _bare(annotation: Any) -> Any:
     return annotation
 
 
+def _branch(label: str) -> str:
+    """A branch's name without the validators that pydantic writes around it: of ``function-after[check(), Name]``, ``Name``."""
+    while match := re.fullmatch(r"function-\w+\[\w+\(\), (.*)\]", label):
+        label = match[1]
+    return label
+
+
 def _member(union: Any, label: str) -> Any:
     """The member of a union that a tag (of models) or a branch name (of plain types) stands for."""
+    label = _branch(label)
     for member in map(_bare, get_args(union)):
         if isinstance(member, type) and issubclass(member, BaseModel):
             if label == member.__name__ or label in _tags(member):

@@ -80,7 +80,7 @@ def _asked(warp: tuple[float, float, float] | WarpSource, mesh: Mesh, elements: 
     if warp.along is not None:
         return _along(mesh, warp.along, centres, f"{key}.along")
     axis = np.array(warp.around) / np.linalg.norm(np.array(warp.around))
-    around = np.cross(axis, centres - np.array(warp.through))
+    around = np.cross(axis, centres - np.array(warp.through or (0.0, 0.0, 0.0)))
     lost = np.flatnonzero(np.linalg.norm(around, axis=1) <= _NO_RADIUS * np.linalg.norm(np.ptp(mesh.points, axis=0)))
     if lost.size:
         raise InputError(f"{key}.around: element {elements[lost[0]]} (and {lost.size - 1} others) lies on the axis")
