@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from taichi_membrane.assurance.verification import films, pressure, tubes, wrinkling
+from taichi_membrane.assurance.verification import films, pressure, shrinkage, tubes, wrinkling
 from taichi_membrane.assurance.verification.benchmark import Benchmark
 from taichi_membrane.errors import InputError
 
@@ -21,6 +21,7 @@ CASES: dict[str, Callable[[], Benchmark]] = {
     "off_axis": tubes.off_axis,
     "cantilever": tubes.cantilever,
     "torsion": tubes.torsion,
+    "shrink": shrinkage.shrink,
     "catenoid": films.catenoid,
     "scherk": films.scherk,
     "hypar": films.hypar,
