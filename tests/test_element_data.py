@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
-from run_files import different, outcome
+from run_files import different, outcome, same
 from typer.testing import CliRunner
 
 import taichi_membrane as tm
@@ -17,6 +18,8 @@ from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mesh import Mesh, read_mesh
+from taichi_membrane.output.reader import read_run
+from taichi_membrane.page.content import head_and_block
 from taichi_membrane.scene import Scene
 from taichi_membrane.shapes import panel
 from taichi_membrane.simulation.model import build_mesh, build_model
@@ -132,12 +135,50 @@ def test_a_stopped_run_goes_on_to_the_same_bytes_and_keeps_the_data_it_uses(tmp_
     )  # fmt: skip
     whole = run(asked, mesh=mesh, out=tmp_path / "whole", render=False)
     assert whole.converged
-    assert whole.mesh.tri_fields.keys() == {"t", "my pre"}
+    assert whole.mesh.tri_fields.keys() == {"t", "my pre", "along:spine"}
     assert whole.mesh.notes == ("element data not used by the scene: other",)
     with pytest.raises(KeyboardInterrupt):
         run(asked, mesh=mesh, out=tmp_path / "part", render=False, observer=Impatient())
     tm.resume(tmp_path / "part")
     assert different(outcome(tmp_path / "whole"), outcome(tmp_path / "part")) == []
+
+
+def test_what_differs_by_element_is_in_files_pictures_and_the_page(tmp_path: Path) -> None:
+    """And only there where the scene has it; with the stress-free strain of each step."""
+    thickness, stress = np.linspace(0.2, 0.5, 32), np.linspace([1.0, 2.0, 0.0], [3.0, 1.0, 0.5], 32)
+    asked = scene(
+        {"thickness": {"field": "t"}, "prestress": {"field": "pre", "scale": 2.0}},
+        shrinkages={"cure": {"group": "thin", "weft": 0.01}},
+        stages=[{"name": "cure", "steps": 2, "shrinkages": {"cure": 1.0}}], loads={}, derivatives=[],
+        camera={"size": [320, 240], "field": "thickness"},
+    )  # fmt: skip
+    result = run(asked, mesh=sheet(t=thickness, pre=stress), out=tmp_path, render=True)
+    assert result.converged
+    free = np.where(THIN, -0.01 + 0.5 * 0.01**2, 0.0)
+    last = result.steps[-1].elements
+    assert np.array_equal(last.thickness, thickness)
+    assert np.array_equal(last.prestress, 2.0 * stress)
+    assert np.abs(last.free_strain - np.column_stack((0.0 * free, free))).max() < 1e-15
+    arrays = meshio.read(tmp_path / "step_0001.vtu").cell_data
+    assert np.array_equal(arrays["thickness"][0], thickness)
+    assert np.array_equal(arrays["prestress_weft_pk2"][0], 2.0 * stress[:, 1])
+    (_, again) = read_run(tmp_path).steps
+    assert same(again, result.steps[-1])
+    names = [one["name"] for one in head_and_block(result)[0]["fields"]]
+    assert {"thickness", "prestress_shear", "free_strain_weft"} <= set(names)
+    drawn = {}
+    for name in ("thickness", "free_strain"):
+        told = CliRunner().invoke(app, ["render", str(tmp_path), "--field", name])
+        assert told.exit_code == 0, told.output
+        drawn[name] = (tmp_path / "step_0001.png").read_bytes()
+    assert drawn["thickness"] != drawn["free_strain"]
+    plain = run(scene(derivatives=[]), mesh=sheet(), out=tmp_path / "plain", render=False)
+    assert not {"thickness", "prestress", "free_strain"} & plain.steps[-1].fields.keys()
+    told = CliRunner().invoke(app, ["render", str(tmp_path / "plain"), "--field", "thickness"])
+    assert told.exit_code == 2
+    assert "camera.field: 'thickness' needs a thickness by element data in the scene" in " ".join(told.stderr.split())
+    with pytest.raises(ValueError, match=r"camera\.field: 'free_strain' needs shrinkages or temperatures in the scene"):
+        scene(camera={"field": "free_strain"})
 
 
 def test_element_data_survive_saving_and_what_cannot_hold_them_is_refused(tmp_path: Path) -> None:
@@ -155,8 +196,6 @@ def test_element_data_survive_saving_and_what_cannot_hold_them_is_refused(tmp_pa
 
 
 def test_the_halves_of_a_quadrilateral_have_its_data(tmp_path: Path) -> None:
-    import meshio
-
     points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]]
     cells = [("quad", np.array([[0, 1, 2, 3]])), ("triangle", np.array([[1, 4, 5], [1, 5, 2]]))]
     given = meshio.Mesh(points, cells, cell_data={"t": [np.array([3.0]), np.array([4.0, 5.0])]})

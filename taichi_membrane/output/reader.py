@@ -38,7 +38,6 @@ GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a grou
 DATA = "data:"  # begins the name of an array in mesh.vtu that the scene takes values of elements from
 PATH = "path_"  # begins the names of what a stage by arc length goes on from
 PATH_ARRAYS = ("path_tangent", "path_advance")
-LINE_ARRAYS, LINE_GROUPS = ("lines", "loose_points"), ("line_groups", "loose_groups")
 MODE = "mode_"  # begins the name of a mode shape in a step's file
 
 
@@ -84,7 +83,7 @@ def read_run(directory: Path) -> SavedRun:
             directory=directory,
             scene=scene,
             mesh=mesh,
-            steps=tuple(_step(directory, mesh, record) for record in records),
+            steps=tuple(_step(directory, mesh, tables.of(scene.extra_fields), record) for record in records),
             settings=_settings(**summary["settings"]),
             own_probes=tuple(map(str, summary["own_probes"])),
             provenance=dict(summary["provenance"]),
@@ -182,7 +181,7 @@ def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
 
 
 def _mesh(path: Path, checksum: str, record: Mapping[str, Any]) -> Mesh:
-    """The mesh of a run: triangles from its file, lines, loose points and what was said of it from the summary."""
+    """The mesh of a run: from its file, and what was said of it from the summary."""
     content = _read_vtu(path, checksum)
     cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
     triangles = content.cells_dict.get("triangle")
@@ -199,7 +198,6 @@ def _mesh(path: Path, checksum: str, record: Mapping[str, Any]) -> Mesh:
         open_seams=True,  # the scene said what becomes of them when the run began
         tri_fields={unquote(name.removeprefix(DATA)): held for name, held in cells.items() if name.startswith(DATA)},
         notes=tuple(map(str, record["notes"])),
-        **{key: record[key] for key in (*LINE_ARRAYS, *LINE_GROUPS) if key in record},
     )
     mesh = replace(mesh, mended=tuple(map(str, record["mended"])))
     # They were unit vectors in the elements' planes already; made so once more, they would differ in the last bit.
@@ -211,7 +209,7 @@ def _groups(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return {name: np.flatnonzero(mark) for name, mark in named.items() if name != "all"}
 
 
-def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
+def _step(directory: Path, mesh: Mesh, held: list[tables.Field], record: dict[str, Any]) -> StepResult:
     name = str(record["file"])
     # The name comes from a file that anybody may have edited: it must not lead out of the folder.
     path = directory / Path(name).name
@@ -222,7 +220,7 @@ def _step(directory: Path, mesh: Mesh, record: dict[str, Any]) -> StepResult:
         return _array(path, content.point_data, name, (mesh.node_count, 3))
 
     fields: dict[str, NDArray[Any]] = {}
-    for field in tables.FIELDS:
+    for field in held:
         arrays = content.point_data if field.place == "node" else cells
         shape = field.shape(mesh.node_count, mesh.tri_count)
         parts = [_array(path, arrays, one, shape[:1] if field.split else shape) for one in field.arrays]

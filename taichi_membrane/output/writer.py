@@ -33,8 +33,6 @@ from taichi_membrane.output.reader import (
     FORMAT,
     FORMAT_VERSION,
     GROUP,
-    LINE_ARRAYS,
-    LINE_GROUPS,
     MESH,
     MODE,
     PATH,
@@ -165,7 +163,7 @@ class Writer:
     def _write_arrays(self, path: Path, step: StepResult) -> str:
         """Points are unstressed and the displacement a vector, so that ParaView's Warp By Vector gives the deformed shape."""
         places: dict[str, dict[str, NDArray[Any]]] = {"node": {}, "element": {}}
-        for field in fields.FIELDS:
+        for field in fields.of(step.fields.keys()):
             values = step.fields[field.name]
             places[field.place] |= zip(field.arrays, values.T if field.split else [values], strict=True)
         points, cells = places["node"], places["element"]
@@ -213,7 +211,6 @@ class Writer:
                 "area": float(mesh.tri_areas().sum()),
                 "mended": list(mesh.mended),
                 "notes": list(mesh.notes),
-                **_line_record(mesh),
                 "node_groups": {name: len(members) for name, members in mesh.node_groups.items()},
                 "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
             },
@@ -317,7 +314,7 @@ def _field_notes(scene: Scene) -> dict[str, dict[str, Any]]:
             "unit": getattr(scene.units, field.unit) if field.unit else "",
             **({"measure": f"{field.measure}: {fields.MEASURES[field.measure]}"} if field.measure else {}),
         }
-        for field in fields.FIELDS
+        for field in fields.of(scene.extra_fields)
     }
 
 
@@ -371,14 +368,6 @@ def _remove_stale(directory: Path, ours_now: set[str]) -> None:
     for path in directory.iterdir():
         if re.fullmatch(f"{_OURS}|{_TEMPORARY}", path.name) and path.name not in ours_now:
             path.unlink()
-
-
-def _line_record(mesh: Mesh) -> dict[str, Any]:
-    """Lines and loose points, which mesh.vtu has no place for; nothing where there are none."""
-    if not (len(mesh.lines) or len(mesh.loose_points)):
-        return {}
-    groups = {key: {name: one.tolist() for name, one in getattr(mesh, key).items()} for key in LINE_GROUPS}
-    return {key: getattr(mesh, key).tolist() for key in LINE_ARRAYS} | groups
 
 
 def _write_text(path: Path, text: str) -> None:

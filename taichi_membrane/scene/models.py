@@ -12,9 +12,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from taichi_membrane import fields
 from taichi_membrane.scene import drivers
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record
 from taichi_membrane.scene.drawing import Camera, Curve
+from taichi_membrane.scene.element_field import ElementField
 from taichi_membrane.scene.fabric import Fabric
 from taichi_membrane.scene.growth import Shrinkage, Temperature
 from taichi_membrane.scene.loads import AnyLoad, Pressure, SnowLoad, WeightLoad
@@ -194,6 +196,7 @@ class Scene(Record):
                 self._check_masses(f"loads.{load_name}")
         self._check_snow()
         self._check_expansion()
+        self.check_picture(self.camera.field)
         if self.modes is not None and self.modes.stage is not None:
             _known(self.modes.stage, names, "modes.stage", "a stage")
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
@@ -211,6 +214,25 @@ class Scene(Record):
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self
+
+    @property
+    def extra_fields(self) -> tuple[str, ...]:
+        """Names of the optional fields that its runs have: what differs from element to element, and stress-free strain."""
+        fabrics = [*self.fabrics.values(), *([] if self.fabric is None else [self.fabric])]
+        has = {
+            "thickness": any(isinstance(one.thickness, ElementField) for one in fabrics),
+            "prestress": any(isinstance(one.prestress, ElementField) for one in fabrics),
+            "free_strain": bool(self.shrinkages or self.temperatures),
+        }
+        return tuple(name for name, there in has.items() if there)
+
+    def check_picture(self, name: str) -> None:
+        """Refuse a field that pictures can show, but not of this scene."""
+        if fields.named(name).optional and name not in self.extra_fields:
+            needs = {"thickness": "a thickness by element data", "prestress": "a prestress by element data"}
+            raise ValueError(
+                f"camera.field: {name!r} needs {needs.get(name, 'shrinkages or temperatures')} in the scene"
+            )
 
     def _check_masses(self, user: str) -> None:
         """Refuse a fabric without a mass."""

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.scene import ElementField, Scene, WarpSource, WindLoad
-from taichi_membrane.simulation.groups import fabric_list
 
 
 def element_values(mesh: Mesh, name: str, elements: Ints, key: str, components: Sequence[int]) -> Floats:
@@ -35,33 +32,3 @@ def element_values(mesh: Mesh, name: str, elements: Ints, key: str, components: 
     if bad.size:
         raise InputError(f"{key}: {name!r} is not finite in element {elements[bad[0]]} (and {bad.size - 1} others)")
     return found if width > 1 or values.ndim == 1 else found[:, 0]
-
-
-def with_used_data(scene: Scene, mesh: Mesh) -> Mesh:
-    """The mesh without the element data that the scene does not name, so that a run neither keeps nor writes them."""
-    used = set(_named(scene))
-    unused = [name for name in mesh.tri_fields if name not in used]
-    if not unused:
-        return mesh
-    out = replace(
-        mesh,
-        tri_fields={name: values for name, values in mesh.tri_fields.items() if name in used},
-        notes=(*mesh.notes, f"element data not used by the scene: {', '.join(unused)}"),
-    )
-    out.__dict__["_edges"] = mesh.edge_table  # same triangles: no need to sort them again
-    return out
-
-
-def _named(scene: Scene) -> list[str]:
-    """Names of all arrays that a scene takes values from."""
-    found: list[str] = []
-    for _, fabric in fabric_list(scene):
-        for one in (fabric.thickness, fabric.prestress, fabric.warp):
-            if isinstance(one, ElementField | WarpSource) and one.field is not None:
-                found.append(one.field)
-    found += [
-        load.cp.field
-        for load in scene.loads.values()
-        if isinstance(load, WindLoad) and isinstance(load.cp, ElementField)
-    ]
-    return found

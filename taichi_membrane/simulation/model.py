@@ -19,7 +19,6 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Fabric, Scene, VolumeProbe
 from taichi_membrane.simulation.chambers import Chamber, chambers_of, sides
 from taichi_membrane.simulation.dead_forces import unit_forces_of
-from taichi_membrane.simulation.element_data import with_used_data
 from taichi_membrane.simulation.fabrics import fabrics_of, prestress_of, thickness_of
 from taichi_membrane.simulation.groups import fabric_list
 from taichi_membrane.simulation.growth import Growth, growth_of
@@ -28,12 +27,15 @@ from taichi_membrane.simulation.members import cables_of, planes_of, with_cable_
 from taichi_membrane.simulation.results import ProbeFunction
 from taichi_membrane.simulation.supports import PrescribedMotion, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
+from taichi_membrane.simulation.used_data import with_used_data
 from taichi_membrane.simulation.warp import warp_directions
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
 # for every load step (its fields); besides, the record of a step.
 _NODE_BYTES, _TRIANGLE_BYTES = 150, 250
 _STEP_BYTES = 2000
+# Besides, of each triangle for every driver of stress-free strain.
+_GROWTH_BYTES = 16
 
 _SHAPES: dict[str, Callable[..., Mesh]] = {
     "tube": shapes.tube,
@@ -249,7 +251,8 @@ def _check_memory(scene: Scene, mesh: Mesh) -> None:
     """Refuse now what could only fail after hours: all load steps are kept until the last one is drawn."""
     steps = sum(stage.steps for stage in scene.stages)
     node_bytes = _NODE_BYTES + fields.step_bytes("node") * steps + 24 * len(scene.loads)
-    tri_bytes = _TRIANGLE_BYTES + fields.step_bytes("element") * steps
+    tri_bytes = _TRIANGLE_BYTES + fields.step_bytes("element", scene.extra_fields) * steps
+    tri_bytes += _GROWTH_BYTES * (len(scene.shrinkages) + len(scene.temperatures))
     short = bounds.shortage(mesh.node_count * node_bytes + mesh.tri_count * tri_bytes + _STEP_BYTES * steps)
     if short is not None:
         counts = (

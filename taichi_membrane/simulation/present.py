@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,12 +23,14 @@ class Present:
     :param displacement: (n, 3).
     :param reaction: (n, 3) support forces.
     :param elements: state of every triangle.
+    :param free_strain: (m, 2) stress-free strain in warp and weft, where something drives it.
     """
 
     structure: Structure
     displacement: Floats
     reaction: Floats
     elements: ElementState
+    free_strain: Floats | None = None
 
     def __getattr__(self, name: str) -> Any:
         """What the elements know of themselves, by name."""
@@ -35,9 +38,9 @@ class Present:
             raise AttributeError(name)
         return getattr(self.elements, name)
 
-    def fields(self) -> dict[str, NDArray[Any]]:
-        """The values of all fields, by name."""
-        return {field.name: field.of(self) for field in fields.FIELDS}
+    def fields(self, extra: Collection[str] = ()) -> dict[str, NDArray[Any]]:
+        """The values of all fields, by name, with the named optional ones."""
+        return {field.name: field.of(self) for field in fields.of(extra)}
 
     @property
     def major_stress(self) -> Floats:

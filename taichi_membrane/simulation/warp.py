@@ -14,6 +14,8 @@ from taichi_membrane.simulation.groups import fabric_list
 
 # A distance from an axis of this share of the mesh's size has no direction around it.
 _NO_RADIUS = 1e-9
+# Begins the name of the element data that keep the directions along a group of lines, in the mesh of a run.
+ALONG = "along:"
 # Distances of elements to pieces of a line that are held at a time.
 _MOST_HELD = 2_000_000
 
@@ -76,9 +78,9 @@ def _asked(warp: tuple[float, float, float] | WarpSource, mesh: Mesh, elements: 
                 f"{key}.field: {warp.field!r} is zero, no direction, in element {elements[lost[0]]} (and {lost.size - 1} others)"
             )
         return found
-    centres = mesh.points[mesh.triangles[elements]].mean(axis=1)
     if warp.along is not None:
-        return _along(mesh, warp.along, centres, f"{key}.along")
+        return along(mesh, warp.along, elements, f"{key}.along")
+    centres = mesh.points[mesh.triangles[elements]].mean(axis=1)
     axis = np.array(warp.around) / np.linalg.norm(np.array(warp.around))
     around = np.cross(axis, centres - np.array(warp.through or (0.0, 0.0, 0.0)))
     lost = np.flatnonzero(np.linalg.norm(around, axis=1) <= _NO_RADIUS * np.linalg.norm(np.ptp(mesh.points, axis=0)))
@@ -87,8 +89,14 @@ def _asked(warp: tuple[float, float, float] | WarpSource, mesh: Mesh, elements: 
     return around
 
 
-def _along(mesh: Mesh, name: str, places: Floats, key: str) -> Floats:
-    """Direction of the piece of a line that is nearest to each place; of pieces equally near the first one's."""
+def along(mesh: Mesh, name: str, elements: Ints, key: str) -> Floats:
+    """(len(elements), 3) direction of the piece of a line that is nearest to each element's middle; of several, the first's.
+
+    :raises InputError: no such group of lines or nodes, or one without length.
+    """
+    if name not in mesh.line_groups and ALONG + name in mesh.tri_fields:
+        return mesh.tri_fields[ALONG + name][elements]
+    places = mesh.points[mesh.triangles[elements]].mean(axis=1)
     start, end = _pieces(mesh, name, key)
     vector = end - start
     squared = np.einsum("ij,ij->i", vector, vector)
