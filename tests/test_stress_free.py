@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +20,8 @@ from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run, summarise
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
-from taichi_membrane.scene import Scene
+from taichi_membrane.parametric.measured import Measured, at_readings, reading_steps
+from taichi_membrane.scene import Scene, Stage
 from taichi_membrane.simulation.results import StepResult
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
@@ -194,6 +198,66 @@ def test_both_solvers_find_one_state() -> None:
     assert newton.converged
     assert relaxed.converged
     assert np.abs(newton.steps[-1].displacement - relaxed.steps[-1].displacement).max() < 1e-7
+
+
+def test_warmth_buckles_a_prestressed_sheet_where_its_tension_ends() -> None:
+    """Exact: N = t (σ₀ - E α T/(1 - ν)) of an isotropic sheet held at its rim is zero, and so is all stiffness out of its plane."""
+    fabric = {"E": 800.0, "nu": 0.25, "thickness": 0.5, "law": "none", "side_strain": "engineering", "expansion": [1e-4, 1e-4],
+              "prestress": [4.0, 4.0, 0.0]}  # fmt: skip
+    result = run(
+        square(
+            fabric=fabric, supports=[{"group": "boundary", "hold": "xyz"}], modes={"kind": "buckling", "count": 3},
+            stages=[{"name": "noon", "temperatures": {"sun": 10.0}}],
+        )
+    )  # fmt: skip
+    assert result.converged
+    critical = 4.0 * (1.0 - 0.25) / (800.0 * 1e-4)
+    (step,) = result.steps
+    assert step.modes is not None
+    assert np.array(step.modes.values) * 10.0 == pytest.approx(critical, rel=1e-6)
+    assert step.stable
+    beyond = square(fabric=fabric, supports=[{"group": "boundary", "hold": "xyz"}],
+                    stages=[{"name": "noon", "steps": 4, "temperatures": {"sun": 60.0}}])  # fmt: skip
+    steps = run(beyond).steps
+    assert [step.converged for step in steps[:2]] == [True, True]
+    assert all(step.stable for step in steps if step.converged and step.limit is None)
+
+
+def test_arc_length_and_readings_follow_a_temperature() -> None:
+    """The path by arc length ends where load control does; a measured curve over a temperature is cut at its readings."""
+    ends = [{"name": "blow", "pressure": 5.0}, {"name": "warm", "steps": 20, "temperatures": {"sun": 40.0}}]
+    controlled, walked = (
+        run(tent(0.0, 0.0).model_copy(update={"stages": tuple(map(Stage.model_validate, stages))}))
+        for stages in (ends, [ends[0], ends[1] | {"control": "arc_length"}])
+    )
+    assert walked.converged
+    assert walked.steps[-1].drivers["temperature.sun"] == 40.0
+    assert np.abs(controlled.steps[-1].displacement - walked.steps[-1].displacement).max() < 1e-9
+    scene = tent(0.0, 0.0).model_copy(update={"stages": list(map(Stage.model_validate, ends))})
+    curve = Measured(quantity="temperature.sun", x=(10.0, 30.0), y=(0.0, 0.0), deviation=None)
+    cut = at_readings(scene, curve, None)
+    assert [stage.temperatures for stage in cut.stages[1:]] == [{"sun": 10.0}, {"sun": 30.0}]
+    assert reading_steps(scene, cut, curve) == ["warm_1", "warm_2"]
+
+
+def test_single_precision_agrees() -> None:
+    """In a process of its own, as one has one precision: the law's stress to its digits, and a wrinkled tent's rise."""
+    program = (
+        "import sys, json, taichi_membrane as tm\n"
+        "scenes = [tm.Scene.model_validate(one) for one in json.load(sys.stdin)]\n"
+        "for scene in scenes:\n"
+        "    step = tm.run(scene, precision='f32').steps[-1]\n"
+        "    assert step.converged, step.reason\n"
+        "    print(step.elements.stress.max(), step.displacement[:, 2].max())\n"
+    )
+    scenes = [square(solver={}), tent(0.3, 20.0, solver={})]
+    given = json.dumps([scene.model_dump(mode="json") for scene in scenes])
+    done = subprocess.run([sys.executable, "-c", program], input=given, capture_output=True, text=True, check=True)
+    for line, scene in zip(done.stdout.splitlines()[-2:], scenes, strict=True):
+        step = run(scene).steps[-1]
+        stress, rise = map(float, line.split())
+        assert stress == pytest.approx(step.elements.stress.max(), rel=1e-4)
+        assert rise == pytest.approx(step.displacement[:, 2].max(), rel=1e-4, abs=1e-6)
 
 
 def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
