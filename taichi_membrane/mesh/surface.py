@@ -90,11 +90,9 @@ class Mesh:
 
         :param tri_warp: (tri_count, 3) directions of any length; each is projected on its element and made unit.
         :param where: the file or key the data came from; begins every message.
-        :param repair: first join nodes at one place on free edges, leave out unused nodes, orient neighbours alike and
-            closed bodies outwards; ``mended`` says what was done. Warp directions keep their elements.
+        :param repair: first mend what can be (:mod:`.repair`); ``mended`` says what was done. Elements keep their data.
         :param open_seams: free edges that lie on each other stay apart, as slits; without it they are refused, or joined by repair.
-        :param join: repair joins nodes of free edges up to this distance [length]; by the digits of the coordinates when None.
-        :param digit: size of the coordinates' last digit [length]; found from the points when None.
+        :param join, digit: repair joins nodes of free edges up to the first [length]; without it by the coordinates' last digit.
         :param lines, line_groups, loose_points, loose_groups, notes, tri_fields: as the fields of those names.
         :raises InputError: wrong shapes, coordinates that are not finite, numbers out of range, degenerate or duplicate elements,
             unused nodes, opposite orientation, free edges that nearly coincide, a closed body inside out, an empty group.
@@ -126,7 +124,7 @@ class Mesh:
             tolerance.same,
             check.as_fields(tri_fields or {}, len(corners), where),
         )
-        mesh.__dict__["_edges"] = table  # the cached property, already computed here
+        mesh.__dict__["_edges"] = table  # already computed here
         return mesh
 
     @classmethod

@@ -78,7 +78,8 @@ def read_run(directory: Path) -> SavedRun:
     with _damage_told(directory):
         mesh_checksum = str(summary["mesh"]["sha256"])
         records = tuple(dict(record) for record in summary["steps"])
-        mesh = _mesh(directory / MESH, mesh_checksum, summary["mesh"])
+        mended, notes = (tuple(map(str, summary["mesh"][key])) for key in ("mended", "notes"))
+        mesh = replace(_mesh(directory / MESH, mesh_checksum), mended=mended, notes=notes)
         return SavedRun(
             directory=directory,
             scene=scene,
@@ -180,8 +181,7 @@ def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
         raise InputError(f"{directory / SUMMARY}: damaged scene: {mistakes(error, data, Scene)}") from None
 
 
-def _mesh(path: Path, checksum: str, record: Mapping[str, Any]) -> Mesh:
-    """The mesh of a run: from its file, and what was said of it from the summary."""
+def _mesh(path: Path, checksum: str) -> Mesh:
     content = _read_vtu(path, checksum)
     cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
     triangles = content.cells_dict.get("triangle")
@@ -197,9 +197,7 @@ def _mesh(path: Path, checksum: str, record: Mapping[str, Any]) -> Mesh:
         where=str(path),
         open_seams=True,  # the scene said what becomes of them when the run began
         tri_fields={unquote(name.removeprefix(DATA)): held for name, held in cells.items() if name.startswith(DATA)},
-        notes=tuple(map(str, record["notes"])),
     )
-    mesh = replace(mesh, mended=tuple(map(str, record["mended"])))
     # They were unit vectors in the elements' planes already; made so once more, they would differ in the last bit.
     return mesh if warp is None else replace(mesh, tri_warp=frozen(np.asarray(warp, dtype=np.float64)))
 
