@@ -90,6 +90,11 @@ GMSH = [
         "elements 0 and 8 have the same three nodes",
     ),
     _g(
+        "2.2: a row that has lost a node",
+        g_old([*G_RIM, *G_SHEET], "").replace("5 2 2 1 7 2 3 6\n", "5 2 2 1 7 2 3\n"),
+        "element 2 is defined twice, with other nodes",
+    ),
+    _g(
         "2.2: quadrilaterals",
         g_old([(3, 2, 1, 1, *quad) for quad in QUADS]),
         Read(tri_groups={"low": 8}, notes=("split 4 quadrilaterals",)),

@@ -174,8 +174,16 @@ def _data(words: Words, content: _Content) -> None:
 
 
 def _place_data(source: Source, raw: RawMesh, content: _Content, labels: Ints, places: Ints) -> None:
-    """Values of elements by their numbers; elements without one get none, which is no number."""
+    """Values of elements by their numbers; elements without one get none, which is no number.
+
+    A number that two elements have tells of a row that lost a node, and took the next row's number for it.
+    """
     numbering = Numbering(labels)
+    order = np.argsort(labels, kind="stable")
+    one, other = order[:-1], order[1:]
+    twice = np.flatnonzero((labels[one] == labels[other]) & (places[one] != places[other]))
+    if twice.size:
+        raise source.fault(f"element {labels[one[twice[0]]]} is defined twice, with other nodes")
     for name, (of, values) in content.data.items():
         at = numbering.find(of)
         if (at < 0).any():
