@@ -5,7 +5,7 @@ A new field is one entry here; its value is what ``Present`` (in ``simulation/pr
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -53,6 +53,7 @@ class Field:
     :param components: names of its components; none for a scalar.
     :param split: files hold an array per component, and not one of vectors.
     :param whole: its values are small whole numbers.
+    :param optional: only runs have it whose scene names it (``Scene.extra_fields``).
     :param picture: how it is drawn: ``states`` as coloured regions, ``scale`` by a colour scale (a vector by its length), or not.
     :param value: (count, components) or (count,) from a load step's state, a ``Present``; by default its attribute of that name.
     """
@@ -65,6 +66,7 @@ class Field:
     components: tuple[str, ...] = ()
     split: bool = False
     whole: bool = False
+    optional: bool = False
     picture: Literal["", "states", "scale"] = ""
     value: Callable[[Any], NDArray[Any]] | None = None
 
@@ -140,8 +142,26 @@ FIELDS: tuple[Field, ...] = (
         name="strain", place="element", meaning="strain in fabric axes, shear the engineering one",
         components=_FABRIC_AXES, split=True,
     ),
+    Field(
+        name="thickness", place="element", meaning="thickness at rest", unit="length", picture="scale", optional=True,
+        value=lambda present: present.structure.thickness,
+    ),
+    Field(
+        name="prestress", place="element", meaning="stress at zero strain in fabric axes", unit="stress", measure="PK2",
+        components=_FABRIC_AXES, split=True, picture="scale", optional=True,
+        value=lambda present: present.structure.prestress,
+    ),
+    Field(
+        name="free_strain", place="element", meaning="stress-free strain in warp and weft", components=("warp", "weft"),
+        split=True, picture="scale", optional=True,
+    ),
     Field(name="cable_force", place="cable", meaning="force of cables", unit="force"),
 )  # fmt: skip
+
+
+def of(extra: Collection[str]) -> list[Field]:
+    """The fields of a run: all that are not optional, and the named ones."""
+    return [field for field in FIELDS if not field.optional or field.name in extra]
 
 
 def named(name: str) -> Field:
@@ -154,6 +174,6 @@ def drawn() -> list[str]:
     return sorted((field.name for field in FIELDS if field.picture), key=lambda name: named(name).picture != "states")
 
 
-def step_bytes(place: Place) -> int:
-    """Memory that a load step takes for each node, element or piece of a cable."""
-    return sum(field.bytes for field in FIELDS if field.place == place)
+def step_bytes(place: Place, extra: Collection[str] = ()) -> int:
+    """Memory that a load step takes for each node, element or piece of a cable, with the named optional fields."""
+    return sum(field.bytes for field in of(extra) if field.place == place)

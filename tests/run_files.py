@@ -72,7 +72,7 @@ def a_step(number: int, **changes: Any) -> StepResult:
     """A step with numbers that differ in every bit (seeded by the step's number)."""
     rng = np.random.default_rng(number)
     m = MESH.tri_count
-    values = {one.name: rng.normal(size=one.shape(MESH.node_count, m)) for one in tables.FIELDS}
+    values = {one.name: rng.normal(size=one.shape(MESH.node_count, m)) for one in tables.of(())}
     values["state"] = rng.integers(0, 3, m).astype(np.int8)
     modes = ModeResult(kind="vibration", values=(1.0 / 3.0, 2.0), shapes=rng.normal(size=(2, MESH.node_count, 3)))
     step = StepResult(

@@ -62,50 +62,59 @@ def system(runtime_cpu: Any) -> System:
     return made
 
 
-def test_generalised_forces_come_from_the_energy_and_the_tangent_from_them(system: System) -> None:
-    """Central differences along steps, bodies turned by 1.7 radians; forces of an anisotropic fabric, pressure and dead loads."""
-    rng = np.random.default_rng(1)
-    u, loads = moved(system, 0.05), rng.normal(size=(12, 3)) * 0.1
-    system.set_displacement(u)
+def check_differences(system: System, loads: Floats) -> None:
+    """Generalised forces are those of the energy, and the tangent theirs; central differences along steps, bodies turned."""
+    u, size = system.displacement(), 3 * system.node_count
     system.set_loads(loads)
     force, matrix = system.balance().ravel(), Tangent(system).matrix().toarray()
     free = (~system.structure.node_held).ravel()
     assert np.abs(matrix - matrix.T).max() < 1e-14 * np.abs(matrix).max()
-    slope, differences = np.zeros(36), np.zeros((36, 36))
+    slope, differences = np.zeros(size), np.zeros((size, size))
     for k in np.flatnonzero(free):
         energies, forces = [], []
         for sign in (1.0, -1.0):
-            trial = system.retract(u, sign * STEP * np.eye(36)[k].reshape(12, 3))
+            trial = system.retract(u, sign * STEP * np.eye(size)[k].reshape(-1, 3))
             system.set_displacement(trial)
             energies.append(system.potential_energy(loads)[0])
             forces.append(system.balance().ravel())
         slope[k] = (energies[0] - energies[1]) / (2 * STEP)
         differences[:, k] = (forces[1] - forces[0]) / (2 * STEP)
     system.set_displacement(u)
-    assert np.abs(slope + force)[free].max() < 1e-8 * np.abs(force).max()
+    assert np.abs(slope + force)[free].max() < 1e-7 * np.abs(force).max()
     # What is left of the differences is half the moment on each body: spins do not commute.
     for body in system.structure.bodies:
         spin = slice(3 * body.carriers[1], 3 * body.carriers[1] + 3)
         x, y, z = 0.5 * force[spin] / body.radius
         differences[spin, spin] -= np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     mast = system.structure.bodies[1]
-    axis, place = np.zeros(36), 3 * mast.carriers[1]
+    axis, place = np.zeros(size), 3 * mast.carriers[1]
     axis[place : place + 3] = np.diff((system.structure.points + u)[MAST], axis=0)[0]
     axis /= np.linalg.norm(axis)
     assert axis @ matrix @ axis > 0.0  # where nothing acts there is some stiffness
-    across = np.eye(36) - np.outer(axis, axis)
+    across = np.eye(size) - np.outer(axis, axis)
     error = (across @ (differences - matrix) @ across)[np.ix_(free, free)]
     assert np.abs(error).max() < 1e-7 * np.abs(matrix[np.ix_(free, free)]).max()
 
 
+def check_masses(system: System) -> None:
+    """4 M - K is positive definite over the freedoms."""
+    masses = np.repeat(4.0 * Relaxation(system).masses(), 3)
+    free = (~system.structure.node_held).ravel()
+    matrix = Tangent(system).matrix().toarray()
+    assert np.linalg.eigvalsh((np.diag(masses) - matrix)[np.ix_(free, free)]).min() > 0.0
+
+
+def test_generalised_forces_come_from_the_energy_and_the_tangent_from_them(system: System) -> None:
+    """Bodies turned by 1.7 radians; forces of an anisotropic fabric, pressure and dead loads."""
+    system.set_displacement(moved(system, 0.05))
+    check_differences(system, np.random.default_rng(1).normal(size=(12, 3)) * 0.1)
+
+
 def test_masses_bound_the_stiffness(system: System) -> None:
-    """4 M - K is positive definite over the freedoms, in several states."""
+    """In several states."""
     for seed in range(4):
         system.set_displacement(moved(system, 0.2, seed))
-        masses = np.repeat(4.0 * Relaxation(system).masses(), 3)
-        free = (~system.structure.node_held).ravel()
-        matrix = Tangent(system).matrix().toarray()
-        assert np.linalg.eigvalsh((np.diag(masses) - matrix)[np.ix_(free, free)]).min() > 0.0
+        check_masses(system)
 
 
 def test_steps_come_back_and_compose_and_keep_bodies_rigid(system: System) -> None:

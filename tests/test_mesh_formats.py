@@ -28,6 +28,7 @@ def assert_is(mesh: Mesh, wanted: Read) -> None:
     assert wanted.node_groups.items() <= sizes(mesh.node_groups).items()
     assert sizes(mesh.line_groups) == wanted.line_groups
     assert sizes(mesh.loose_groups) == wanted.loose_groups
+    assert {name: values[0].size for name, values in mesh.tri_fields.items()} == wanted.tri_fields
     for words in wanted.notes:
         assert any(words in note for note in mesh.notes), mesh.notes
     if not wanted.notes:

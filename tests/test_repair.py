@@ -191,7 +191,7 @@ def test_the_command_mends_a_file_when_asked(tmp_path: Path, monkeypatch: pytest
 
 
 def test_a_run_tells_and_keeps_what_was_noted_and_mended_in_the_file(tmp_path: Path) -> None:
-    """A ball of quads, one of them turned over, with an array that is not carried over: on the terminal and in the summary."""
+    """A ball of quads, one of them turned over, with element data that are not used: on the terminal and in the summary."""
     mesh = meshio.Mesh(
         [[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)],
         [("quad", [[0, 2, 3, 1], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [5, 7, 3, 1]])],
@@ -214,4 +214,4 @@ def test_a_run_tells_and_keeps_what_was_noted_and_mended_in_the_file(tmp_path: P
     assert "noted split 6 quadrilaterals in two triangles each" in told
     summary = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
     assert summary["mesh"]["mended"][0].startswith("turned over 2 of 12 elements")
-    assert summary["mesh"]["notes"][0] == "not carried over: 't' of cells"
+    assert summary["mesh"]["notes"][-1] == "element data not used by the scene: t"

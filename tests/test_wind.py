@@ -18,6 +18,7 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.mechanics.system import System
+from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.model import build_mesh
 from taichi_membrane.simulation.results import StepResult
@@ -28,6 +29,7 @@ pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
 # Potential flow about a sphere: cp = 1 - 9/4 sin² of the angle from the windward side.
 ANGLES = np.linspace(0.0, 180.0, 721)
+SPHERE = {"direction": [3.0, 0.0, 4.0], "centre": [0.0, 0.0, 0.0]}
 FLOW = {"angles": ANGLES.tolist(), "cp": (1.0 - 2.25 * np.sin(np.radians(ANGLES)) ** 2).tolist()}
 
 
@@ -90,6 +92,40 @@ def test_the_lift_on_a_hemisphere_in_potential_flow() -> None:
     system = System(model.structure)
     system.set_surface_loads(np.array([0.0, 0.7]))
     assert np.abs(system.out_of_balance() - 0.7 * model.surface.at_rest("wind")).max() < 1e-14
+
+
+def test_no_drag_and_no_lift_on_a_whole_sphere_in_potential_flow() -> None:
+    """D'Alembert: the resultant vanishes at second order, on meshes without any symmetry of the flow."""
+    errors = []
+    for divisions in (8, 16, 32):
+        even = build_mesh(ball({"table": FLOW | SPHERE}, divisions))
+        moved = even.points + np.array([0.3, 0.2, -0.15])  # denser on one side; back on the sphere
+        mesh = Mesh.build(moved / np.linalg.norm(moved, axis=1, keepdims=True), even.triangles)
+        scene = ball({"table": {"flow": "potential", **SPHERE}}, groups={}, mesh={"shape": "given"})
+        force = surface_loads_of(scene, mesh).at_rest("wind").sum(axis=0)
+        errors.append(np.linalg.norm(force) / (2.0 * np.pi))
+    assert np.abs(np.log2(np.array(errors[:-1]) / np.array(errors[1:])) - 2.0).max() < 0.1
+    assert errors[-1] < 1e-3
+
+
+def test_potential_flow_is_that_of_its_closed_forms() -> None:
+    """A table of the sphere's, dense; on a cylinder the wind's part across the axis, 1 - 4 sin² of it."""
+    mesh = build_mesh(ball({"cp": {"all": 1.0}}, 8))
+    found = [
+        surface_loads_of(ball({"table": one | SPHERE}, 8), mesh).winds["wind"] for one in ({"flow": "potential"}, FLOW)
+    ]
+    assert np.abs(found[0] - found[1]).max() < 1e-4
+    pole = mesh.points[mesh.triangles].mean(axis=1) @ np.array([3.0, 0.0, 4.0]) / 5.0
+    assert -found[0][pole.argmin()] == pytest.approx(2.0, abs=0.1)
+    tube = {"shape": "tube", "radius": 1.0, "length": 2.0, "around": 16, "along": 4, "cap_end": "none"}
+    flow = {"flow": "potential", "direction": [3.0, 4.0, 0.0], "centre": [7.0, 0.0, 0.0], "axis": [1.0, 0.0, 0.0]}
+    scene = ball(
+        {"table": flow}, mesh=tube, groups={}, supports=[{"group": "start", "hold": "xyz"}], probes={}, derivatives=[]
+    )
+    mesh = build_mesh(scene)
+    y, z = mesh.points[mesh.triangles].mean(axis=1)[:, 1:].T
+    exact = -2.0 * 0.8**2 * (1.0 - 4.0 * z**2 / (y**2 + z**2))
+    assert np.abs(surface_loads_of(scene, mesh).winds["wind"] - exact).max() < 1e-14
 
 
 def test_the_drag_on_a_cylinder_is_that_of_its_table() -> None:
@@ -220,13 +256,17 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wind", "expected"),
     [
-        ({}, r"give either cp, a coefficient for each element group, or table"),
+        ({}, r"give either cp, a coefficient for each element group or their field, or table"),
         ({"cp": {"all": 1.0}, "table": FLOW | {"direction": [1, 0, 0], "centre": [0, 0, 0]}}, r"give either cp"),
         ({"cp": {"half": 0.8, "upper": -0.4}},
          r"loads\.wind\.cp: element \d+ \(and \d+ others\) has 0\.8 by group 'half' and -0\.4 by group 'upper'"),
         ({"cp": {"roof": 1.0}}, r"loads\.wind\.cp: no element group 'roof' in this mesh; allowed: all, half"),
         ({"cp": {"all": 1.0}, "face": "outside"}, r"Input should be 'front' or 'back'"),
         ({"table": {"angles": [0, 90], "cp": [1], "direction": [1, 0, 0], "centre": [0, 0, 0]}}, r"at least 2 items"),
+        ({"table": {"direction": [1, 0, 0], "centre": [0, 0, 0]}}, r"give either angles with cp, or flow = 'potential'"),
+        ({"table": FLOW | {"flow": "potential", "direction": [1, 0, 0], "centre": [0, 0, 0]}}, r"give either angles with cp"),
+        ({"table": {"flow": "real", "direction": [1, 0, 0], "centre": [0, 0, 0]}}, r"Input should be 'potential'"),
+        ({"cp": {"field": "cp"}}, r"loads\.wind\.cp\.field: no element data 'cp' in this mesh; allowed: \(none;"),
         ({"table": {"angles": [0, 90, 180], "cp": [1, 0], "direction": [1, 0, 0], "centre": [0, 0, 0]}},
          r"3 angles, but 2 values of cp"),
         ({"table": {"angles": [0, 90, 90], "cp": [1, 0, 1], "direction": [1, 0, 0], "centre": [0, 0, 0]}},

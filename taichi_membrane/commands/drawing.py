@@ -62,6 +62,10 @@ def render(
         "directions": directions,
     }
     camera = _camera(scene.camera, {key: value for key, value in asked.items() if value is not None})
+    try:
+        scene.check_picture(camera.field)
+    except ValueError as error:
+        raise InputError(str(error)) from None
     with ProgressView(scene, console(stderr=True)) as view:
         files = redraw(directory, camera=camera, observer=view)
     printing.print_files(console(), directory, files)

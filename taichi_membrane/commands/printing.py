@@ -24,11 +24,13 @@ from taichi_membrane.output.tables import (
 )
 from taichi_membrane.scene import Cable, Fabric, Scene, Stage
 from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, stage_values
+from taichi_membrane.scene.element_field import ElementField, given_text
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.chambers import surfaces
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import RunResult
 from taichi_membrane.simulation.solver_choice import without_potential
+from taichi_membrane.simulation.warp import least_angle
 
 _GAP = 2  # blanks between columns
 
@@ -210,7 +212,7 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
             for _ in range(bool(len(mesh.loose_points)))
         ),
         *survey.lines_of(survey.survey(mesh), units.length, units.area, units.volume),
-        *(("fabric", line) for line in _fabric_lines(scene)),
+        *(("fabric", line) for line in [*_fabric_lines(scene), *_range_lines(model)]),
         *(
             ("support", f"{item.group}: {item.hold or f'normal {list(item.normal or ())}'} held")
             for item in scene.supports
@@ -290,8 +292,31 @@ def _fabric_line(scene: Scene, fabric: Fabric) -> str:
             f"E_warp = {fabric.warp_modulus:g}, E_weft = {fabric.weft_modulus:g}, G = {fabric.shear_modulus:g} {stress}, "
             f"nu = {fabric.nu:g}"
         )
-    prestress = f", prestress {list(fabric.prestress)} {stress}" if any(fabric.prestress) else ""
-    return f"{moduli}, thickness {fabric.thickness:g} {scene.units.length}, wrinkling law {fabric.law}{prestress}"
+    prestress = f", prestress [{given_text(fabric.prestress)}] {stress}" if fabric.prestressed else ""
+    expansion = f", expansion [{given_text(fabric.expansion)}] 1/K" if any(fabric.expansion) else ""
+    thickness = f"thickness {given_text(fabric.thickness)} {scene.units.length}"
+    return f"{moduli}, {thickness}, wrinkling law {fabric.law}{prestress}{expansion}"
+
+
+def _range_lines(model: Model) -> list[str]:
+    """What fabrics take from element to element: thickness, prestress, and how near the warp comes to a normal."""
+    structure, units = model.structure, model.scene.units
+    found = []
+    for number, (group, fabric) in enumerate(model.fabric_names()):
+        members = structure.tri_fabric == number
+        if isinstance(fabric.thickness, ElementField) and members.any():
+            values = structure.thickness[members]
+            found.append(f"{group}: thickness from {values.min():g} to {values.max():g} {units.length}")
+        if isinstance(fabric.prestress, ElementField) and members.any():
+            low, high = (getattr(structure.prestress[members], which)(axis=0) for which in ("min", "max"))
+            named = zip(("warp", "weft", "shear"), low, high, strict=True)
+            found.append(
+                f"{group}: prestress " + ", ".join(f"{k} {a:g} to {b:g}" for k, a, b in named) + f" {units.stress}"
+            )
+        least = least_angle(model.scene, structure.mesh, structure.tri_fabric, number)
+        if least is not None:
+            found.append(f"{group}: warp at least {least[0]:.3g}° from the normal (element {least[1]})")
+    return found
 
 
 def _stage_line(scene: Scene, stage: Stage) -> str:

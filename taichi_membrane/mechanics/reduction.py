@@ -1,7 +1,7 @@
 """Pattern and blocks of a tangent in the freedoms of rigid bodies: Tᵀ K T + G, see :mod:`body`.
 
 Blocks of elements that have no node in a body go where they went. The others, few, are brought here one by one, and each is
-added wherever the freedoms that move its two ends meet.
+added wherever the freedoms that move its two ends meet; so are those of springs at nodes of bodies.
 """
 
 from __future__ import annotations
@@ -16,25 +16,29 @@ from taichi_membrane.mechanics.structure import Structure
 
 
 class Reduction:
-    """Adds to the blocks of one structure's tangent what elements at bodies give."""
+    """Adds to the blocks of one structure's tangent what elements and springs at bodies give."""
 
     def __init__(self, structure: Structure, elimination: Elimination) -> None:
         self.structure, self.elimination = structure, elimination
         self.parts = parts_of(structure.bodies, structure.node_count)
         in_body = self.parts[:, 1] >= 0
+        self.nodes = np.flatnonzero(in_body).astype(np.int32)
         self.slots = np.flatnonzero(in_body[structure.slots]).astype(np.int32)
         self.pairs = np.flatnonzero(in_body[structure.pairs].any(axis=1)).astype(np.int32)
         self._some = _stiffness_of(structure)
         self._keys = edge_keys(structure.edges, structure.node_count)
 
-    def add(self, out: Floats, of_slots: Floats, of_pairs: Floats, displacement: Floats, forces: Floats) -> None:
-        """Add to the lower triangle's blocks ``out`` those (n, 3, 3) of ``slots`` and ``pairs``, and G.
+    def add(
+        self, out: Floats, of_slots: Floats, of_pairs: Floats, of_nodes: Floats, displacement: Floats, forces: Floats
+    ) -> None:
+        """Add to the lower triangle's blocks ``out`` those (n, 3, 3) of ``slots``, ``pairs`` and ``nodes``, and G.
 
         :param forces: (node_count, 3) out-of-balance nodal forces.
         """
         maps = self._maps(displacement)
         at = self.structure.slots[self.slots]
         self._spread(out, maps, at, at, of_slots, whole=False)
+        self._spread(out, maps, self.nodes, self.nodes, of_nodes, whole=False)
         rows, columns = self.structure.pairs[self.pairs].T
         self._spread(out, maps, rows, columns, of_pairs, whole=True)
         for body in self.structure.bodies:

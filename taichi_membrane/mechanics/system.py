@@ -19,6 +19,7 @@ from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.ropes import RopeTerm
 from taichi_membrane.mechanics.snow import Snow
 from taichi_membrane.mechanics.springs import SpringTerm
+from taichi_membrane.mechanics.strain_offset import StrainOffset, self_stress_norm
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm, Term
 from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
@@ -34,7 +35,8 @@ class System(Nodes):
         self.pressure = Pressure(structure, self.fp, self.dtype)
         self.snow = Snow(structure, self.fp, self.dtype)
         self.water = WaterTerm(self, structure)
-        self.triangles = Triangles(self, self.pressure, self.snow, self.water, structure)
+        self.offset = StrainOffset(structure, self.fp, self.dtype)
+        self.triangles = Triangles(self, self.offset, self.pressure, self.snow, self.water, structure)
         self.cables = CableTerm(self, structure) if self.features.cables else None
         self.ropes = RopeTerm(self, structure) if self.features.ropes else None
         self.planes = tuple(PlaneTerm(self, structure, number) for number in range(self.features.planes))
@@ -59,7 +61,7 @@ class System(Nodes):
 
     def _parts(self) -> tuple[Term, ...]:
         """All that own fields beside the nodes."""
-        return (self.pressure, self.snow, self.water, *self.terms, *self.node_terms, *self.rigid)
+        return (self.offset, self.pressure, self.snow, self.water, *self.terms, *self.node_terms, *self.rigid)
 
     def fields(self) -> Iterator[tuple[str, Any]]:
         """Every Taichi field with its name."""
@@ -206,6 +208,7 @@ class System(Nodes):
         return (
             self.displacement(),
             self.surface_loads(),
+            self.growth(),
             *([self.loads] if self.rigid and self.features.loads else []),
         )
 
@@ -231,13 +234,22 @@ class System(Nodes):
         """(tri_count,) volume each triangle has swept since rest."""
         return swept_volumes(self.structure, displacement)
 
-    def prestress_norm(self) -> float:
-        """Size of the nodal forces that prestress balances, a scale for residuals where no load acts."""
-        structure = self.structure
-        level = np.array([np.linalg.norm(one.prestress) * one.thickness for one in structure.fabrics])
-        squared = (level[structure.tri_fabric] ** 2 * self.geometry.area).sum()
-        if structure.cables is not None:
-            squared += (structure.cables.prestress**2).sum()
-        if structure.ropes is not None:
-            squared += (structure.ropes.prestress**2).sum()
-        return float(np.sqrt(squared))
+    def set_growth(self, values: Floats) -> None:
+        """Set the value of each driver of stress-free strain."""
+        self.offset.set(values)
+
+    def growth(self) -> Floats:
+        """Present values of the drivers of stress-free strain."""
+        return self.offset.now
+
+    def stress_norm(self) -> float:
+        """Size of the nodal forces of the elements by themselves at the present state."""
+        level = np.linalg.norm(self.element_state().stress, axis=1) * self.structure.thickness
+        return float(np.sqrt((level**2 * self.geometry.area).sum()))
+
+    def self_stress_norm(self, growth: Floats | None = None) -> float:
+        """Size of the nodal forces that prestress and hindered stress-free strain balance, a scale for residuals.
+
+        :param growth: values of the drivers of stress-free strain; those that are set when None.
+        """
+        return self_stress_norm(self.structure, self.offset.now if growth is None else growth)

@@ -124,7 +124,10 @@ class Tangent:
             one = self.reduction
             of_slots, of_pairs = np.zeros((len(one.slots), 3, 3)), np.zeros((len(one.pairs), 3, 3))
             self._fetch(one.slots, one.pairs, of_slots, of_pairs)
-            one.add(self.blocks, of_slots, of_pairs, self.system.displacement(), self.system.out_of_balance())
+            of_nodes = np.zeros((len(one.nodes), 3, 3))
+            if self.system.node_terms:
+                self._fetch_nodes(one.nodes, of_nodes)
+            one.add(self.blocks, of_slots, of_pairs, of_nodes, self.system.displacement(), self.system.out_of_balance())
         return self.blocks
 
     @ti.kernel
@@ -136,6 +139,16 @@ class Tangent:
         for p in range(pairs.shape[0]):
             for i, j in ti.static(ti.ndrange(3, 3)):
                 of_pairs[p, i, j] = self.pair_block[pairs[p]][i, j]
+
+    @ti.kernel
+    def _fetch_nodes(self, nodes: Array, of_nodes: Array):
+        """Blocks of node terms at nodes of bodies."""
+        for n in range(nodes.shape[0]):
+            block = ti.Matrix.zero(self.system.fp, 3, 3)
+            for term in ti.static(self.system.node_terms):
+                block += term.block(nodes[n])
+            for i, j in ti.static(ti.ndrange(3, 3)):
+                of_nodes[n, i, j] = block[i, j]
 
     def loose(self, free: NDArray[np.bool_]) -> Floats | None:
         """(node_count, 3) a stiffness for free nodes that nothing in the assembled blocks holds, such as one amid slack triangles.

@@ -12,6 +12,7 @@ from taichi_membrane.mechanics.nodes import Array, Nodes, blocks_of, fill
 from taichi_membrane.mechanics.preparation import FabricConstants, Floats
 from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.snow import Snow
+from taichi_membrane.mechanics.strain_offset import StrainOffset
 from taichi_membrane.mechanics.structure import Features, Structure, variant_of
 from taichi_membrane.mechanics.water import WaterTerm
 from taichi_membrane.names import TAUT
@@ -23,8 +24,10 @@ _BOUNDS = ("count", "block_length", "blocks")
 class Triangles:
     """Fields and device code of a structure's triangles. Their slots are corners, 3 · triangle + corner; their pairs are sides."""
 
-    def __init__(self, nodes: Nodes, pressure: Pressure, snow: Snow, water: WaterTerm, structure: Structure) -> None:
-        self.nodes, self.pressure, self.snow, self.water = nodes, pressure, snow, water
+    def __init__(
+        self, nodes: Nodes, offset: StrainOffset, pressure: Pressure, snow: Snow, water: WaterTerm, structure: Structure
+    ) -> None:
+        self.nodes, self.offset, self.pressure, self.snow, self.water = nodes, offset, pressure, snow, water
         self.features, self.fp, self.dtype = nodes.features, nodes.fp, nodes.dtype
         fp, features, triangles, fabrics = self.fp, self.features, structure.mesh.tri_count, len(structure.fabrics)
         self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())
@@ -37,8 +40,6 @@ class Triangles:
             self.tri_fabric = ti.field(ti.i32, shape=triangles)
         if len(features.variants) > 1:
             self.fabric_variant = ti.field(ti.i32, shape=fabrics)
-        if features.prestress:
-            self.fabric_prestrain = ti.Vector.field(3, fp, shape=fabrics)
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure of the same features fits these fields."""
@@ -51,13 +52,12 @@ class Triangles:
         """Take over a structure's triangles and fabrics."""
         self.structure, self.geometry, self.tri_count = structure, structure.geometry, structure.mesh.tri_count
         features, dtype = self.features, self.dtype
-        thickness = np.array([one.thickness for one in structure.fabrics])[structure.tri_fabric]
         constants = np.array([[one.record()[name] for name in fabric.CONSTANTS] for one in structure.fabrics])
         length, self.block_count = blocks_of(self.tri_count, self.nodes.on_cpu)
         self._write(
             structure.mesh.triangles.astype(np.int32),
             self.geometry.side_length.astype(dtype),
-            (self.geometry.area * thickness).astype(dtype),
+            (self.geometry.area * structure.thickness).astype(dtype),
             self.geometry.strain_matrix.astype(dtype),
             constants.astype(dtype),
             np.array([self.tri_count, length, self.block_count], dtype=np.int32),
@@ -67,10 +67,6 @@ class Triangles:
         if len(features.variants) > 1:
             numbers = [_variant_number(features, one) for one in structure.fabrics]
             fill(self.fabric_variant, np.array(numbers, dtype=np.int32))
-        if features.prestress:
-            # A prestress is the elastic answer to a strain offset, so the wrinkling laws need not know of it.
-            offsets = [one.compliance() @ np.array(one.prestress) for one in structure.fabrics]
-            fill(self.fabric_prestrain, np.array(offsets, dtype=dtype))
 
     @ti.kernel
     def _write(
@@ -91,9 +87,8 @@ class Triangles:
 
     def scale_thickness(self, fabric_number: int, factor: float) -> None:
         """Give one fabric so many times its thickness; 1 restores it."""
-        thickness = np.array([one.thickness for one in self.structure.fabrics])
-        thickness[fabric_number] *= factor
-        fill(self.tri_volume, (self.geometry.area * thickness[self.structure.tri_fabric]).astype(self.dtype))
+        scale = np.where(self.structure.tri_fabric == fabric_number, factor, 1.0)
+        fill(self.tri_volume, (self.geometry.area * (self.structure.thickness * scale)).astype(self.dtype))
 
     # ---- on the device
 
@@ -132,7 +127,7 @@ class Triangles:
 
     @ti.func
     def strain_and_sides(self, t, k, rest, stretch, variant: ti.template()):
-        """Strain in fabric axes (eq. 7) with the offset that stands for prestress, side lengths, force-density factors."""
+        """Strain in fabric axes (eq. 7) with its offset, side lengths, force-density factors."""
         rest_length = self.tri_side_length[t]
         extension, length, factor = 0.0 * rest_length, 0.0 * rest_length, 0.0 * rest_length
         for a in ti.static(range(3)):
@@ -140,8 +135,8 @@ class Triangles:
                 rest[a, :], stretch[a, :], rest_length[a], variant.green
             )
         strain = self.tri_strain_matrix[t] @ extension
-        if ti.static(self.features.prestress):
-            strain += self.fabric_prestrain[k]
+        if ti.static(self.offset.used):
+            strain += self.offset.of(t, k)
         return strain, length, factor
 
     @ti.func

@@ -292,6 +292,20 @@ def as_warp(directions: ArrayLike, area_vector: NDArray[np.float64], where: str)
     return in_plane / length[:, None]
 
 
+def as_fields(fields: Mapping[str, ArrayLike], count: int, where: str) -> dict[str, NDArray[np.float64]]:
+    """Return element data as read-only arrays (count,) or (count, k); their numbers are looked at where they are used."""
+    found = {}
+    for name, values in fields.items():
+        try:
+            array = np.array(values, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{where}: the element data {name!r} are not an array of numbers: {error}") from None
+        if array.ndim not in (1, 2) or len(array) != count or not array.size:
+            raise InputError(f"{where}: the element data {name!r} have shape {array.shape}, {count} elements are there")
+        found[name] = frozen(array)
+    return found
+
+
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
     """Make an array read-only and return it."""
     array.setflags(write=False)

@@ -72,6 +72,7 @@ def _built(parts: MeshParts, where: str, repair: bool, scale: float, open_seams:
             loose_points=scale * parts.loose_points,
             loose_groups=parts.loose_groups,
             notes=parts.notes,
+            tri_fields=parts.tri_fields,
         )
     except MeshFault as fault:
         names = _names(fault.elements, parts.element_name)

@@ -46,6 +46,8 @@ class Mesh:
     :param lines: (line_count, 2) node numbers of line elements, such as cables.
     :param line_groups: named sorted numbers of lines.
     :param notes: what a file says that is not carried over, and what was decided when it was read, a line each.
+    :param tri_fields: numbers of the elements, (tri_count,) or (tri_count, k), by name; scenes may take thickness, prestress, warp
+        directions and pressure coefficients from them.
     :param tolerance: how near nodes of free edges are one, by the digits of the coordinates [length].
     """
 
@@ -61,6 +63,7 @@ class Mesh:
     line_groups: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     tolerance: float = 0.0
+    tri_fields: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @classmethod
     def build(
@@ -81,17 +84,16 @@ class Mesh:
         loose_points: ArrayLike | None = None,
         loose_groups: Mapping[str, ArrayLike] | None = None,
         notes: Sequence[str] = (),
+        tri_fields: Mapping[str, ArrayLike] | None = None,
     ) -> Mesh:
         """Convert, check and freeze a mesh; add the groups "all" and "boundary" (unless one of that name is given).
 
         :param tri_warp: (tri_count, 3) directions of any length; each is projected on its element and made unit.
         :param where: the file or key the data came from; begins every message.
-        :param repair: first join nodes at one place on free edges, leave out unused nodes, orient neighbours alike and
-            closed bodies outwards; ``mended`` says what was done. Warp directions keep their elements.
+        :param repair: first mend what can be (:mod:`.repair`); ``mended`` says what was done. Elements keep their data.
         :param open_seams: free edges that lie on each other stay apart, as slits; without it they are refused, or joined by repair.
-        :param join: repair joins nodes of free edges up to this distance [length]; by the digits of the coordinates when None.
-        :param digit: size of the coordinates' last digit [length]; found from the points when None.
-        :param lines, line_groups, loose_points, loose_groups, notes: as the fields of those names.
+        :param join, digit: repair joins nodes of free edges up to the first [length]; without it by the coordinates' last digit.
+        :param lines, line_groups, loose_points, loose_groups, notes, tri_fields: as the fields of those names.
         :raises InputError: wrong shapes, coordinates that are not finite, numbers out of range, degenerate or duplicate elements,
             unused nodes, opposite orientation, free edges that nearly coincide, a closed body inside out, an empty group.
         """
@@ -120,8 +122,9 @@ class Mesh:
             loose.line_groups,
             tuple(notes),
             tolerance.same,
+            check.as_fields(tri_fields or {}, len(corners), where),
         )
-        mesh.__dict__["_edges"] = table  # the cached property, already computed here
+        mesh.__dict__["_edges"] = table  # already computed here
         return mesh
 
     @classmethod
@@ -143,7 +146,7 @@ class Mesh:
         return from_object(thing, repair=repair, scale=scale, open_seams=open_seams, join=join)
 
     def save(self, path: str | Path) -> None:
-        """Write the mesh so that it is read back the same: groups, lines, loose points; directions in .vtu alone.
+        """Write the mesh so that it is read back the same: groups, lines, loose points; directions and element data in .vtu alone.
 
         The file extension says how: .vtu, .inp, .msh or .stl.
 

@@ -87,9 +87,12 @@ def _printable(path: Path, names: Iterable[str], forbidden: str) -> None:
             raise InputError(f"{path}: the group name {name!r} {what}, which '{path.suffix}' cannot say; .vtu can")
 
 
-def _no_directions(mesh: Mesh, path: Path) -> None:
-    if mesh.tri_warp is not None:
-        raise InputError(f"{path}: '{path.suffix}' cannot say the warp directions of the elements; .vtu can")
+def _no_fields(mesh: Mesh, path: Path) -> None:
+    """Refuse what differs from element to element, but for groups."""
+    held = ["the warp directions of the elements"] if mesh.tri_warp is not None else []
+    held += [f"the element data {', '.join(map(repr, mesh.tri_fields))}"] if mesh.tri_fields else []
+    if held:
+        raise InputError(f"{path}: '{path.suffix}' cannot say {' and '.join(held)}; .vtu can")
 
 
 def _vtu(mesh: Mesh, path: Path) -> bytes:
@@ -106,6 +109,8 @@ def _vtu(mesh: Mesh, path: Path) -> bytes:
         marks[GROUP + quote(name)] = mark
     if mesh.tri_warp is not None:
         marks[WARP] = np.concatenate((mesh.tri_warp, np.zeros((lines, 3))))
+    for name, values in mesh.tri_fields.items():
+        marks[name] = np.concatenate((values, np.zeros((lines, *values.shape[1:]))))
     points = _all_points(mesh)
     node_marks: dict[str, NDArray[Any]] = {}
     for name, members in _node_groups(mesh, derived=True).items():
@@ -138,7 +143,7 @@ def _array(name: str, values: NDArray[Any]) -> str:
 
 def _inp(mesh: Mesh, path: Path) -> bytes:
     """Abaqus: nodes and elements from 1, triangles before lines, sets of both."""
-    _no_directions(mesh, path)
+    _no_fields(mesh, path)
     elements = dict.fromkeys([*_tri_groups(mesh), *mesh.line_groups])
     nodes = _node_groups(mesh)
     for names in (nodes, elements):
@@ -174,7 +179,7 @@ def _rows(numbers: NDArray[Any]) -> list[str]:
 
 def _msh(mesh: Mesh, path: Path) -> bytes:
     """Gmsh 2.2 in text: an element of several groups stands once for each, as gmsh writes it; points name loose nodes."""
-    _no_directions(mesh, path)
+    _no_fields(mesh, path)
     kinds: list[tuple[int, int, NDArray[np.int32], Mapping[str, NDArray[np.int32]]]] = [
         (2, 2, mesh.triangles, _tri_groups(mesh)),
         (1, 1, mesh.lines, mesh.line_groups),
@@ -201,7 +206,7 @@ def _msh(mesh: Mesh, path: Path) -> bytes:
 def _stl(mesh: Mesh, path: Path) -> bytes:
     """Binary, in single precision: for bare surfaces, whose coordinates lose their last digits."""
     held = [*_node_groups(mesh, derived=True), *_tri_groups(mesh), *mesh.line_groups]
-    _no_directions(mesh, path)
+    _no_fields(mesh, path)
     if held or len(mesh.lines):
         raise InputError(
             f"{path}: '.stl' cannot say groups and lines ({', '.join(dict.fromkeys(held)) or 'lines'}); .vtu, .inp and .msh can"

@@ -37,6 +37,7 @@ FORMAT, FORMAT_VERSION = "taichi_membrane run", 6
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 CABLE = "cable"  # array of the lines of mesh.vtu and of the steps' files: number of the cable in the scene
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
+DATA = "data:"  # begins the name of an array in mesh.vtu that the scene takes values of elements from
 PATH = "path_"  # begins the names of what a stage by arc length goes on from
 PATH_ARRAYS = ("path_tangent", "path_advance")
 MODE = "mode_"  # begins the name of a mode shape in a step's file
@@ -79,13 +80,14 @@ def read_run(directory: Path) -> SavedRun:
     with _damage_told(directory):
         mesh_checksum = str(summary["mesh"]["sha256"])
         records = tuple(dict(record) for record in summary["steps"])
-        mesh = _mesh(scene, directory / MESH, mesh_checksum)
-        cable_count = len(line_elements(scene, mesh)[0])
+        mended, notes = (tuple(map(str, summary["mesh"][key])) for key in ("mended", "notes"))
+        mesh = replace(_mesh(scene, directory / MESH, mesh_checksum), mended=mended, notes=notes)
+        cable_count, held = len(line_elements(scene, mesh)[0]), tables.of(scene.extra_fields)
         return SavedRun(
             directory=directory,
             scene=scene,
             mesh=mesh,
-            steps=tuple(_step(directory, mesh, cable_count, record) for record in records),
+            steps=tuple(_step(directory, mesh, cable_count, held, record) for record in records),
             settings=_settings(**summary["settings"]),
             own_probes=tuple(map(str, summary["own_probes"])),
             provenance=dict(summary["provenance"]),
@@ -199,6 +201,7 @@ def _mesh(scene: Scene, path: Path, checksum: str) -> Mesh:
         warp,
         where=str(path),
         open_seams=True,  # the scene said what becomes of them when the run began
+        tri_fields={unquote(name.removeprefix(DATA)): held for name, held in cells.items() if name.startswith(DATA)},
     )
     mesh = with_added_nodes(
         mesh, content.points[count:], {name: groups[name] for name in groups.keys() - mesh.node_groups}
@@ -225,7 +228,9 @@ def _groups(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return {name: np.flatnonzero(mark) for name, mark in named.items() if name != "all"}
 
 
-def _step(directory: Path, mesh: Mesh, cable_count: int, record: dict[str, Any]) -> StepResult:
+def _step(
+    directory: Path, mesh: Mesh, cable_count: int, held: list[tables.Field], record: dict[str, Any]
+) -> StepResult:
     name = str(record["file"])
     # The name comes from a file that anybody may have edited: it must not lead out of the folder.
     path = directory / Path(name).name
@@ -241,7 +246,7 @@ def _step(directory: Path, mesh: Mesh, cable_count: int, record: dict[str, Any])
         return _array(path, points, name, (mesh.node_count, 3))
 
     fields: dict[str, NDArray[Any]] = {}
-    for field in tables.FIELDS:
+    for field in held:
         arrays = {"node": points, "element": cells, "cable": lines}[field.place]
         shape = field.shape(mesh.node_count, mesh.tri_count, cable_count)
         parts = [_array(path, arrays, one, shape[:1] if field.split else shape) for one in field.arrays]

@@ -30,6 +30,7 @@ from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.lock import LOCK
 from taichi_membrane.output.reader import (
     CABLE,
+    DATA,
     FORMAT,
     FORMAT_VERSION,
     GROUP,
@@ -154,6 +155,7 @@ class Writer:
         cells: dict[str, NDArray[Any]] = {"fabric": self._tri_fabric}
         if mesh.tri_warp is not None:
             cells["warp"] = mesh.tri_warp
+        cells |= {DATA + quote(name): values for name, values in mesh.tri_fields.items()}
         marks = _group_marks(mesh.tri_groups, mesh.tri_count)
         return write_vtu(
             path,
@@ -167,7 +169,7 @@ class Writer:
     def _write_arrays(self, path: Path, step: StepResult) -> str:
         """Points are unstressed and the displacement a vector, so that ParaView's Warp By Vector gives the deformed shape."""
         places: dict[str, dict[str, NDArray[Any]]] = {"node": {}, "element": {}, "cable": {CABLE: self._cable}}
-        for field in fields.FIELDS:
+        for field in fields.of(step.fields.keys()):
             values = step.fields[field.name]
             places[field.place] |= zip(field.arrays, values.T if field.split else [values], strict=True)
         points, cells = places["node"], places["element"]
@@ -317,7 +319,7 @@ def _field_notes(scene: Scene, *, cables: bool) -> dict[str, dict[str, Any]]:
             "unit": getattr(scene.units, field.unit) if field.unit else "",
             **({"measure": f"{field.measure}: {fields.MEASURES[field.measure]}"} if field.measure else {}),
         }
-        for field in fields.FIELDS
+        for field in fields.of(scene.extra_fields)
         if cables or field.place != "cable"
     }
 

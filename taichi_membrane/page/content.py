@@ -13,7 +13,7 @@ from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.output.curve import curve_steps, quantity_label, quantity_names
 from taichi_membrane.output.tables import step_words
 from taichi_membrane.page import geometry
-from taichi_membrane.page.fields import DISPLACEMENT, ELEMENT_FIELDS, REACTION, unit
+from taichi_membrane.page.fields import DISPLACEMENT, REACTION, shown, unit
 from taichi_membrane.page.pack import FULL_SCALE, Entry, Pack, finite_range
 from taichi_membrane.pictures.colours import CABLE_RAMP, PALETTE, RAMP
 from taichi_membrane.scene import Scene
@@ -24,7 +24,11 @@ from taichi_membrane.simulation.results import Floats, RunResult, StepResult
 
 # How far marks keep apart, in radii of all that is shown: near enough to tell the field, far enough to be told from each other.
 WRINKLE_LINES, SUPPORTS, ARROWS = 0.03, 0.04, 0.25
-_VIEWS = {"displacement": "displacement.size"}  # the camera's field as the page calls it, where that differs
+_VIEWS = {
+    "displacement": "displacement.size",
+    "prestress": "prestress_warp",
+    "free_strain": "free_strain_warp",
+}  # the camera's field as the page calls it, where that differs
 
 
 def head_and_block(result: RunResult) -> tuple[dict[str, Any], str]:
@@ -32,7 +36,7 @@ def head_and_block(result: RunResult) -> tuple[dict[str, Any], str]:
     scene, mesh, steps = result.scene, result.mesh, result.steps
     pack = Pack()
     centre, radius = geometry.bounding_sphere(mesh, steps)
-    ranges = {field.name: finite_range([field.read(step) for step in steps]) for field in ELEMENT_FIELDS}
+    ranges = {field.name: finite_range([field.read(step) for step in steps]) for field in shown(scene)}
     held = np.flatnonzero(np.any([(step.reaction != 0.0).any(axis=1) for step in steps], axis=0))
     means = geometry.node_means(mesh)
     head = {
@@ -51,7 +55,7 @@ def head_and_block(result: RunResult) -> tuple[dict[str, Any], str]:
         "fields": [
             {"name": f.name, "title": f.title, "unit": unit(scene.units, f.unit), "note": f.note,
              "low": ranges[f.name][0], "high": ranges[f.name][1]}
-            for f in ELEMENT_FIELDS
+            for f in shown(scene)
         ],
         "vectors": [
             {"name": v.name, "title": v.title, "unit": unit(scene.units, v.unit), "note": "", "nodes": nodes}
@@ -91,8 +95,8 @@ def _step(
         "direction": pack.add(geometry.direction_codes(mesh, step), "u8"),
         "taut_margin": _margin(pack, means @ elements.taut_margin),
         "slack_margin": _margin(pack, means @ elements.slack_margin),
-        "fields": {f.name: pack.add_field(f.read(step), *ranges[f.name]) for f in ELEMENT_FIELDS},
-        "extremes": {f.name: _extremes(f.read(step)) for f in ELEMENT_FIELDS},
+        "fields": {f.name: pack.add_field(f.read(step), *ranges[f.name]) for f in shown(scene)},
+        "extremes": {f.name: _extremes(f.read(step)) for f in shown(scene)},
         "vectors": {
             DISPLACEMENT.name: pack.add_vectors(step.displacement),
             REACTION.name: pack.add_vectors(step.reaction[held]),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
-from taichi_membrane.scene import Units
+from taichi_membrane.scene import Scene, Units
 from taichi_membrane.simulation.results import Floats, StepResult
 
 _SECOND = "second Piola-Kirchhoff: force per area of the unstressed fabric"
@@ -23,7 +24,7 @@ class ElementField:
 
     name: str
     title: str
-    unit: Literal["", "stress"]
+    unit: Literal["", "stress", "length"]
     read: Callable[[StepResult], Floats]
     note: str = ""
 
@@ -38,6 +39,11 @@ class NodeVector:
     read: Callable[[StepResult], Floats]
 
 
+def _part(name: str, column: int, step: StepResult) -> Floats:
+    """A component of a field."""
+    return step.fields[name][:, column]
+
+
 ELEMENT_FIELDS = (
     ElementField("major_stress", "major stress", "stress", lambda s: s.elements.major_stress, _SECOND),
     ElementField("minor_stress", "minor stress", "stress", lambda s: s.elements.minor_stress, _SECOND),
@@ -49,9 +55,26 @@ ELEMENT_FIELDS = (
     ElementField("strain_shear", "strain, shear", "", lambda s: s.elements.strain[:, 2]),
     ElementField("fold_strain", "strain in folds", "", lambda s: s.elements.fold_strain),
 )
+# Those that only some runs have, by the field that they are of.
+EXTRA_FIELDS = {
+    "thickness": (ElementField("thickness", "thickness at rest", "length", lambda s: s.elements.thickness),),
+    "prestress": tuple(
+        ElementField(f"prestress_{name}", f"prestress, {name}", "stress", partial(_part, "prestress", column), _SECOND)
+        for column, name in enumerate(("warp", "weft", "shear"))
+    ),
+    "free_strain": tuple(
+        ElementField(f"free_strain_{name}", f"stress-free strain, {name}", "", partial(_part, "free_strain", column))
+        for column, name in enumerate(("warp", "weft"))
+    ),
+}
 # The first one moves the nodes; of the second only nodes where it is not zero are kept.
 DISPLACEMENT = NodeVector("displacement", "displacement", "length", lambda s: s.displacement)
 REACTION = NodeVector("reaction", "support force", "force", lambda s: s.reaction)
+
+
+def shown(scene: Scene) -> tuple[ElementField, ...]:
+    """What the page shows of a scene's elements."""
+    return (*ELEMENT_FIELDS, *(one for name in scene.extra_fields for one in EXTRA_FIELDS[name]))
 
 
 def unit(units: Units, kind: Literal["", "stress", "length", "force"]) -> str:

@@ -9,6 +9,8 @@ from html import escape
 import numpy as np
 
 from taichi_membrane.output.tables import check_columns, stability_notes, step_columns
+from taichi_membrane.scene.drivers import kind_named
+from taichi_membrane.scene.element_field import given_text
 from taichi_membrane.simulation.results import RunResult
 
 
@@ -127,6 +129,10 @@ def _loads(result: RunResult) -> Table:
     for name, load in scene.loads.items():
         direction = ", ".join(f"{part:g}" for part in load.towards or ())
         rows.append([f"load {name}", load.acts_on, load.kind, direction])
+    for kind in (kind_named("shrinkage"), kind_named("temperature")):
+        for name, item in kind.defined(scene).items():
+            group = item.group if isinstance(item.group, str) else ", ".join(item.group)
+            rows.append([f"{kind.name} {name}", group, kind.words(item), ""])
     return Table("loads-given", "Pressures and loads", ["name", "group", "kind", "direction"], rows)
 
 
@@ -136,8 +142,8 @@ def _fabrics(result: RunResult) -> Table:
     fabrics = default | scene.fabrics
     stress, length = scene.units.stress, scene.units.length
     rows = [
-        [group, *(f"{v:g}" for v in (one.warp_modulus, one.weft_modulus, one.shear_modulus, one.nu, one.thickness)),
-         one.law, ", ".join(f"{part:g}" for part in one.prestress)]
+        [group, *(f"{v:g}" for v in (one.warp_modulus, one.weft_modulus, one.shear_modulus, one.nu)),
+         given_text(one.thickness), one.law, given_text(one.prestress)]
         for group, one in fabrics.items()
     ]  # fmt: skip
     headers = ["group", *(f"{name} [{stress}]" for name in ("E warp", "E weft", "G")), "nu", f"thickness [{length}]",

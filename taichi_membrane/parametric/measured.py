@@ -9,7 +9,7 @@ from pathlib import Path
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.scene import Scene, Stage
-from taichi_membrane.scene.drivers import shut_by
+from taichi_membrane.scene.drivers import DRIVERS, driver_names, shut_by, stage_values
 from taichi_membrane.scene.messages import not_one_of
 
 
@@ -118,24 +118,14 @@ def _factors(scene: Scene, stages: tuple[Stage, ...] | list[Stage]) -> dict[str,
     """Each factor after the stages that set it; a factor that none sets is zero."""
     found: dict[str, float] = {}
     for stage in stages:
-        pressures = (
-            stage.pressure if isinstance(stage.pressure, dict) else {next(iter(scene.pressures)): stage.pressure}
-        )
-        found |= {f"pressure.{name}": value for name, value in pressures.items() if value is not None}
-        found |= {f"load.{name}": value for name, value in stage.loads.items()}
-        found |= {f"motion.{name}": value for name, value in stage.motions.items()}
+        found |= stage_values(driver_names(scene), stage)
     return found
 
 
 def _piece(cut: Stage, number: int, at: dict[str, float], steps: int) -> Stage:
-    by_kind: dict[str, dict[str, float]] = {"pressure": {}, "load": {}, "motion": {}}
+    by_kind: dict[str, dict[str, float]] = {kind.name: {} for kind in DRIVERS}
     for key, value in at.items():
         kind, _, name = key.partition(".")
         by_kind[kind][name] = value
-    return Stage(
-        name=f"{cut.name}_{number}",
-        steps=steps,
-        pressure=by_kind["pressure"] or None,
-        loads=by_kind["load"],
-        motions=by_kind["motion"],
-    )
+    given = {kind.key: by_kind[kind.name] for kind in DRIVERS if by_kind[kind.name]}
+    return Stage.model_validate({"name": f"{cut.name}_{number}", "steps": steps, **given})

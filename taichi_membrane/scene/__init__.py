@@ -7,7 +7,9 @@ from taichi_membrane.scene.base import (
     Vector,
 )
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
+from taichi_membrane.scene.element_field import ElementField, WarpSource
 from taichi_membrane.scene.fabric import Fabric
+from taichi_membrane.scene.growth import Shrinkage, Temperature
 from taichi_membrane.scene.loads import (
     AnyLoad,
     BodyLoad,
@@ -87,6 +89,7 @@ __all__ = [
     "CushionShape",
     "DiscShape",
     "DisplacementProbe",
+    "ElementField",
     "Fabric",
     "FactorProbe",
     "GivenMesh",
@@ -108,6 +111,7 @@ __all__ = [
     "Rotation",
     "RotationProbe",
     "Scene",
+    "Shrinkage",
     "SnowLoad",
     "Solver",
     "SphereShape",
@@ -115,11 +119,13 @@ __all__ = [
     "Stage",
     "StressProbe",
     "Support",
+    "Temperature",
     "Translation",
     "TubeShape",
     "Units",
     "Vector",
     "VolumeProbe",
+    "WarpSource",
     "WaterLoad",
     "WedgeShape",
     "WeightLoad",

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from taichi_membrane.scene.support import BodyRotation, Rotation
 
 if TYPE_CHECKING:
+    from taichi_membrane.scene.growth import Shrinkage
     from taichi_membrane.scene.loads import AnyLoad, Pressure
     from taichi_membrane.scene.models import Scene, Units
     from taichi_membrane.scene.stage import Stage
@@ -104,6 +105,11 @@ def _pressed(pressure: Pressure) -> str:
     return f"on {_joined(pressure.group)}{against}"
 
 
+def _shrinkage_words(item: Shrinkage) -> str:
+    """How much shrinks, in words."""
+    return f"of {_joined(item.group)}, by {item.warp:g} in warp and {item.weft:g} in weft"
+
+
 def _joined(groups: str | list[str]) -> str:
     return groups if isinstance(groups, str) else ", ".join(groups)
 
@@ -140,6 +146,14 @@ DRIVERS: tuple[DriverKind, ...] = (
     DriverKind(
         name="motion", table="motions", key="motions", unit=_motion_unit,
         words=lambda item: f"{item.kind} of {item.group} in {item.hold}",
+    ),
+    DriverKind(
+        name="shrinkage", table="shrinkages", key="shrinkages", unit=lambda *_: "", words=_shrinkage_words,
+        scaled=lambda _: "shrinkage",
+    ),
+    DriverKind(
+        name="temperature", table="temperatures", key="temperatures", unit=lambda *_: "K",
+        words=lambda item: f"of {_joined(item.group)}",
     ),
 )  # fmt: skip
 

@@ -9,6 +9,7 @@ from pydantic import model_validator
 
 from taichi_membrane.names import SideStrain, WrinklingLaw
 from taichi_membrane.scene.base import Direction, Finite, Positive, Record, Vector
+from taichi_membrane.scene.element_field import ElementField, WarpSource
 
 
 class Fabric(Record):
@@ -16,6 +17,7 @@ class Fabric(Record):
 
     ``nu`` is the contraction in weft per extension in warp. ``warp`` is a direction that is projected on each element (default: the
     shape's own), turned by ``warp_angle`` degrees about the normal. ``prestress`` is (warp, weft, shear) force per area.
+    Thickness, prestress and warp may differ from element to element: ``{ field = "NAME" }`` takes them from the mesh.
     Vibration modes and self-weight need its mass: ``density`` is mass per volume, in force · time² / length⁴, or else
     ``mass_per_area`` that of the fabric with its coating.
     """
@@ -30,18 +32,20 @@ class Fabric(Record):
     """Poisson's ratio: contraction in weft per extension in warp."""
     G: Positive | None = None
     """Shear modulus of an orthotropic fabric [force/length²]."""
-    thickness: Positive
+    thickness: Positive | ElementField
     """Thickness [length]; stress times thickness is the resultant."""
     law: WrinklingLaw = "tension_field"
     """What compression does: ``tension_field`` wrinkles, ``clip`` (of the seed) has no energy, ``none`` bears it."""
     side_strain: SideStrain = "green"
     """Strain of a side: ``green``, or ``engineering`` as in the seed paper."""
-    warp: Direction | None = None
-    """Direction that is projected on each element as its warp; without it the shape's own."""
+    warp: Direction | WarpSource | None = None
+    """Direction that is projected on each element as its warp, or where it comes from; without it the shape's own."""
     warp_angle: Finite = 0.0
     """Turns the warp about the normal [degrees]."""
-    prestress: Vector = (0.0, 0.0, 0.0)
-    """Stress (warp, weft, shear) in the unstressed shape [force/length²]."""
+    prestress: Vector | ElementField = (0.0, 0.0, 0.0)
+    """Stress (warp, weft, shear) in the unstressed shape [force/length²]; a field has two or three components."""
+    expansion: tuple[Finite, Finite] = (0.0, 0.0)
+    """Relative extension in warp and weft per degree of ``temperatures`` [1/degree]."""
     density: Positive | None = None
     """Mass per volume [force · time²/length⁴], for vibration modes and self-weight."""
     mass_per_area: Positive | None = None
@@ -76,9 +80,14 @@ class Fabric(Record):
         return self
 
     @property
-    def surface_mass(self) -> float | None:
-        """Mass per unstressed area; None where it is not given."""
-        return self.mass_per_area if self.density is None else self.density * self.thickness
+    def has_mass(self) -> bool:
+        """Whether its mass is given."""
+        return self.density is not None or self.mass_per_area is not None
+
+    @property
+    def prestressed(self) -> bool:
+        """Whether it has a prestress."""
+        return isinstance(self.prestress, ElementField) or any(self.prestress)
 
     @property
     def warp_modulus(self) -> float:

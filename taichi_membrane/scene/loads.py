@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Name, Positive, Record, Vector
+from taichi_membrane.scene.element_field import ElementField
 
 Groups = GroupName | Annotated[list[GroupName], Field(max_length=MOST)]
 
@@ -117,16 +118,21 @@ class SnowLoad(Record):
 
 
 class WindTable(Record):
-    """Pressure coefficients of a round shell over the angle from the windward side, linear between the angles.
+    """Pressure coefficients of a round shell over the angle from the windward side: ``angles`` with ``cp``, or ``flow``.
+
+    Between the angles they are linear.
 
     The angle is that between the direction the wind comes from and the radius to an element's centre on the unstressed shape: from
     ``centre`` for a sphere, square to ``axis`` for a cylinder, standing or lying.
     """
 
-    angles: Annotated[list[Annotated[float, Field(ge=0, le=180)]], Field(min_length=2, max_length=MOST)]
+    angles: Annotated[list[Annotated[float, Field(ge=0, le=180)]], Field(min_length=2, max_length=MOST)] = []
     """Angles from the windward side, ascending [degrees]."""
-    cp: Annotated[list[Finite], Field(min_length=2, max_length=MOST)]
+    cp: Annotated[list[Finite], Field(min_length=2, max_length=MOST)] = []
     """Coefficient at each angle; suction is negative."""
+    flow: Literal["potential"] | None = None
+    """``potential``: flow without friction, the ideal, in place of a table: 1 - 9/4 sin² of the angle on a sphere, 1 - 4 sin² on a
+    cylinder, of the wind across its axis. Real wind separates behind; here there is no drag."""
     direction: Direction
     """Direction that the wind blows in."""
     centre: Vector
@@ -138,6 +144,8 @@ class WindTable(Record):
 
     @model_validator(mode="after")
     def _pairs(self) -> Self:
+        if bool(self.angles or self.cp) == (self.flow is not None):
+            raise ValueError("give either angles with cp, or flow = 'potential'")
         if len(self.angles) != len(self.cp):
             raise ValueError(f"{len(self.angles)} angles, but {len(self.cp)} values of cp; each angle needs one")
         for low, high in zip(self.angles[:-1], self.angles[1:], strict=True):
@@ -149,32 +157,34 @@ class WindTable(Record):
 class WindLoad(Record):
     """Wind by pressure coefficients, as pressure cp q along the moving normal; stages give its factor, 1 for q itself.
 
-    Coefficients are those of element groups (``cp``), or of a round shell over the angle from the windward side (``table``). A
-    positive one presses on the ``front``, the side that the normals point to, or on the ``back``; suction is negative. It adds to
-    the pressures of chambers.
+    Coefficients are those of element groups or of the mesh's element data (``cp``), or of a round shell over the angle from the
+    windward side (``table``). A positive one presses on the ``front``, the side that the normals point to, or on the ``back``;
+    suction is negative. It adds to the pressures of chambers.
     """
 
     kind: Literal["wind"]
     """Wind by pressure coefficients."""
     q: Positive
     """Velocity pressure [force/length²]."""
-    cp: Annotated[dict[GroupName, Finite], Field(max_length=MOST)] = {}
-    """Coefficient of each element group; that of ``all`` is for what no other group holds."""
+    cp: ElementField | Annotated[dict[GroupName, Finite], Field(max_length=MOST)] = {}
+    """Coefficient of each element group, where that of ``all`` is for what no other group holds; or ``{ field = "NAME" }``."""
     table: WindTable | None = None
-    """Coefficients over the angle, in place of ``cp``."""
+    """Coefficients over the angle, or those of potential flow, in place of ``cp``."""
     face: Literal["front", "back"] = "front"
     """Side of the elements that it presses on: ``front``, which their normals point to, or ``back``, as inside pressure does."""
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if bool(self.cp) == (self.table is not None):
-            raise ValueError("give either cp, a coefficient for each element group, or table")
+            raise ValueError("give either cp, a coefficient for each element group or their field, or table")
         return self
 
     @property
     def acts_on(self) -> str:
         """Groups that it acts on, in words."""
-        return ", ".join(self.cp) if self.table is None else self.table.group
+        if self.table is not None:
+            return self.table.group
+        return "all" if isinstance(self.cp, ElementField) else ", ".join(self.cp)
 
     @property
     def towards(self) -> tuple[float, float, float] | None:

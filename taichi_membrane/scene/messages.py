@@ -21,6 +21,8 @@ _COMPARED = {
     "less_than": ("lt", "below"),
     "less_than_equal": ("le", "at most"),
 }
+# Models that stand at a key where a plain value may stand as well.
+_TABLES = ("ElementField", "WarpSource")
 # What a value should have been, by the first word of pydantic's error type.
 _WANTED = {
     "float": "a number",
@@ -106,7 +108,10 @@ def _wrong_branch(detail: ErrorDetails) -> bool:
     """Pydantic tries each branch of "a number or a table"; only the branch that fits what was given has something to say."""
     if any(str(part).startswith("dict[") for part in detail["loc"]):
         return detail["type"] == "dict_type"
-    return detail["loc"][-1:] in (("float",), ("constrained-float",)) and isinstance(detail["input"], dict)
+    branch = _branch(str(detail["loc"][-1])) if detail["loc"] else ""
+    if isinstance(detail["input"], dict):
+        return branch in ("float", "constrained-float") or branch.startswith("tuple[")
+    return detail["type"] == "model_type" and branch in _TABLES
 
 
 def _place(location: tuple[int | str, ...], data: Any, model: type[BaseModel]) -> _Place:
@@ -145,11 +150,19 @@ def _bare(annotation: Any) -> Any:
     return annotation
 
 
+def _branch(label: str) -> str:
+    """A branch's name without the validators that pydantic writes around it: of ``function-after[check(), Name]``, ``Name``."""
+    while match := re.fullmatch(r"function-\w+\[\w+\(\), (.*)\]", label):
+        label = match[1]
+    return label
+
+
 def _member(union: Any, label: str) -> Any:
     """The member of a union that a tag (of models) or a branch name (of plain types) stands for."""
+    label = _branch(label)
     for member in map(_bare, get_args(union)):
         if isinstance(member, type) and issubclass(member, BaseModel):
-            if label in _tags(member):
+            if label == member.__name__ or label in _tags(member):
                 return member
         elif label.removeprefix("constrained-").startswith(getattr(get_origin(member) or member, "__name__", "?")):
             return member

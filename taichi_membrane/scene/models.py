@@ -12,10 +12,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from taichi_membrane import fields
 from taichi_membrane.scene import drivers, valves
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record, Vector
 from taichi_membrane.scene.drawing import Camera, Curve
+from taichi_membrane.scene.element_field import ElementField
 from taichi_membrane.scene.fabric import Fabric
+from taichi_membrane.scene.growth import Shrinkage, Temperature
 from taichi_membrane.scene.loads import AnyLoad, BodyLoad, Pressure, SnowLoad, WaterLoad, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import MeshSource
@@ -143,6 +146,10 @@ class Scene(Record):
     """Loads of unit factor by name."""
     motions: Annotated[dict[Name, Motion], _FEW] = {}
     """Prescribed motions of unit factor by name."""
+    shrinkages: Annotated[dict[Name, Shrinkage], _FEW] = {}
+    """Shrinkages of unit factor by name."""
+    temperatures: Annotated[dict[Name, Temperature], _FEW] = {}
+    """Changes of temperature by name."""
     stages: Annotated[list[Stage], Field(min_length=1, max_length=MOST)]
     """Ramps of pressures, loads and motions, one after another."""
     probes: Annotated[dict[Name, Probe], _FEW] = {}
@@ -191,6 +198,8 @@ class Scene(Record):
             if isinstance(load, WeightLoad):
                 self._check_masses(f"loads.{load_name}")
         self._check_snow()
+        self._check_expansion()
+        self.check_picture(self.camera.field)
         if self.modes is not None and self.modes.stage is not None:
             _known(self.modes.stage, names, "modes.stage", "a stage")
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
@@ -219,10 +228,29 @@ class Scene(Record):
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
         return self
 
+    @property
+    def extra_fields(self) -> tuple[str, ...]:
+        """Names of the optional fields that its runs have: what differs from element to element, and stress-free strain."""
+        fabrics = [*self.fabrics.values(), *([] if self.fabric is None else [self.fabric])]
+        has = {
+            "thickness": any(isinstance(one.thickness, ElementField) for one in fabrics),
+            "prestress": any(isinstance(one.prestress, ElementField) for one in fabrics),
+            "free_strain": bool(self.shrinkages or self.temperatures),
+        }
+        return tuple(name for name, there in has.items() if there)
+
+    def check_picture(self, name: str) -> None:
+        """Refuse a field that pictures can show, but not of this scene."""
+        if fields.named(name).optional and name not in self.extra_fields:
+            needs = {"thickness": "a thickness by element data", "prestress": "a prestress by element data"}
+            raise ValueError(
+                f"camera.field: {name!r} needs {needs.get(name, 'shrinkages or temperatures')} in the scene"
+            )
+
     def _check_masses(self, user: str) -> None:
         """Refuse a fabric without a mass."""
         for name, fabric in {"fabric": self.fabric, **{f"fabrics.{n}": f for n, f in self.fabrics.items()}}.items():
-            if fabric is not None and fabric.surface_mass is None:
+            if fabric is not None and not fabric.has_mass:
                 raise ValueError(f"{name}.density is missing (or mass_per_area): {user} needs it")
 
     def _check_snow(self) -> None:
@@ -238,6 +266,13 @@ class Scene(Record):
                     f"loads.{name}.direction = {list(direction)}, but loads.{found[0][0]}.direction = {list(found[0][1])}; "
                     "all loads per plan area of a scene have one direction"
                 )
+
+    def _check_expansion(self) -> None:
+        """Refuse a temperature that nothing answers to."""
+        fabrics = [*self.fabrics.values(), *([] if self.fabric is None else [self.fabric])]
+        if self.temperatures and not any(any(fabric.expansion) for fabric in fabrics):
+            name = next(iter(self.temperatures))
+            raise ValueError(f"temperatures.{name}: no fabric has an expansion; give fabric.expansion = [warp, weft]")
 
     def _check_planes(self) -> None:
         """Refuse what takes the tangent in contact for that of the structure: it holds springs, where the planes are rigid."""

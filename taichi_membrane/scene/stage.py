@@ -34,6 +34,10 @@ class Stage(Record):
     """Factor of each load at the stage's end; what is not named keeps its value."""
     motions: dict[Name, Finite] = {}
     """Factor of each motion at the stage's end."""
+    shrinkages: dict[Name, Finite] = {}
+    """Factor of each shrinkage at the stage's end."""
+    temperatures: dict[Name, Finite] = {}
+    """Change of each temperature at the stage's end [degrees of the fabrics' ``expansion``]."""
     control: Literal["load", "arc_length"] = "load"
     """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""
     until: Literal["target", "collapse", "collapse_or_target", "steps"] = "target"

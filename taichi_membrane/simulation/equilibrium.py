@@ -35,8 +35,8 @@ _NEWTON_LIMIT, _NEWTON_PATIENCE, _DOSES = 200, 60, (500, 3000)
 # Along a path residuals are compared with the loads there, which may pass through zero: with this share of the step's at least.
 _LEAST_REFERENCE = 1e-3
 
-# Round-offs of the stiffest forces that the residual of motions may consist of: a node gathers some six triangles, each of three
-# corners and as many sides.
+# Round-offs of the stiffest forces that the residual of motions, or the force of a way that moves nothing, may consist of: a node
+# gathers some six triangles, each of three corners and as many sides.
 _ROUND_OFFS = 50.0
 
 # How many nodes a step that fails names.
@@ -95,17 +95,18 @@ class Equilibrium:
         self.system.element_state()
 
     def apply(self, state: LoadState) -> None:
-        """Set pressures, loads and prescribed displacements."""
+        """Set pressures, loads, stress-free strain and prescribed displacements."""
         if self.model.motions or self.model.moved_bodies:
             self.system.set_displacement(self.model.moved(self.system.displacement(), state))
         self.press(state)
 
     def press(self, state: LoadState) -> None:
-        """Set pressures and loads."""
+        """Set pressures, loads and stress-free strain."""
         self.system.set_surface_loads(self.model.surface_values(state))
         self.system.set_loads(self.model.nodal_loads(state))
         for rigid in self.system.rigid:
             rigid.set_moments(self.model.body_moments(state))
+        self.system.set_growth(self.model.growth_values(state))
         self.filling.press(state)
 
     def shut(self, stage: Stage, let_out: Mapping[str, float] | None = None) -> None:
@@ -212,9 +213,11 @@ class Equilibrium:
     def way(self, before: LoadState, after: LoadState) -> Way:
         """The straight way between two load states; there has to be a Newton solver."""
         assert self.newton is not None
-        # The forces of a liquid are not linear in its level, nor those of a gas in its amount.
+        # The forces of a liquid are not linear in its level, those of a gas in its amount, nor those of wrinkled fabric in its
+        # stress-free strain.
         curved = [f"load.{name}" for name in self.model.surface.waters]
         curved += [name for name in before.values if name.startswith("amount.")]
+        curved += self.model.growth.drivers
         shut = self.filling.contents is not None and self.filling.contents.chambers
         curved += [name for name in before.values if shut and name.startswith("ambient.")]
         return Way(
@@ -223,7 +226,16 @@ class Equilibrium:
             after,
             self.apply if before.motions != after.motions else self.press,
             linear=all(before.values[name] == after.values[name] for name in curved),
+            round_off=self._round_off(before, after),
         )
+
+    def _round_off(self, before: LoadState, after: LoadState) -> Callable[[float], float] | None:
+        """What rounding leaves of the force of stress-free strain, which may be hindered evenly and move nothing."""
+        if all(before.values[name] == after.values[name] for name in self.model.growth.drivers):
+            return None
+        eps = float(np.finfo(self.system.dtype).eps)
+        ends = sum(self.system.self_stress_norm(self.model.growth_values(one)) for one in (before, after))
+        return lambda share: _ROUND_OFFS * eps * (self.system.stress_norm() / share + ends)
 
     def relieved(self, way: Way, share: float) -> bool:
         """Whether what acts at the start of a way has gone at a share of it, but for less than its path is followed to."""
@@ -246,14 +258,17 @@ class Equilibrium:
         )
 
     def reference(self, state: LoadState) -> Reference:
-        """Size of what acts: applied loads and prestress; failing both, the reactions of motions, or the scene's largest load."""
+        """Size of what acts: applied loads, prestress and hindered stress-free strain.
+
+        Failing all, the reactions of motions, or the scene's largest load.
+        """
         applied = self._applied(state)
         if applied > 0.0:
             return applied
         if any(state.motions.values()):
             return self._reactions()
         targets = stage_targets(self.model.scene)
-        return max(self.model.reference_load(one) for one in targets) or 1.0
+        return max(self._applied(one) for one in targets) or 1.0
 
     def _reactions(self) -> Reference:
         """Size of the support forces at the present state, for a membrane that motions alone act on.
@@ -276,9 +291,10 @@ class Equilibrium:
         return now
 
     def _applied(self, state: LoadState, volumes: list[float] | None = None) -> float:
-        """Size of the applied loads and of prestress; 0 where there are none.
+        """Size of the applied loads, of prestress and of hindered stress-free strain; 0 where there are none.
 
         :param volumes: of each gas in shut chambers, whose pressures they make; the present ones when None.
         """
         state = self.filling.with_pressures(state, volumes)
-        return float(np.hypot(self.model.reference_load(state), self.system.prestress_norm()))
+        inner = self.system.self_stress_norm(self.model.growth_values(state))
+        return float(np.hypot(self.model.reference_load(state), inner))

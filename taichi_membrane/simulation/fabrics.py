@@ -1,21 +1,16 @@
-"""A scene's fabrics and warp directions on the elements of its mesh."""
+"""A scene's fabrics on the elements of its mesh."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import FabricConstants, Floats, Ints
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.scene import Fabric, Scene
-from taichi_membrane.simulation.groups import group_triangles
-
-
-def fabric_list(scene: Scene) -> list[tuple[str, Fabric]]:
-    """The scene's fabrics with the element group of each; the default fabric comes first, for all elements."""
-    default = [("all", scene.fabric)] if scene.fabric is not None else []
-    return [*default, *scene.fabrics.items()]
+from taichi_membrane.scene import ElementField, Scene
+from taichi_membrane.scene.base import LARGEST, SMALLEST
+from taichi_membrane.simulation.element_data import element_values
+from taichi_membrane.simulation.groups import fabric_list, group_triangles
 
 
 def fabrics_of(scene: Scene, mesh: Mesh) -> tuple[tuple[FabricConstants, ...], Ints]:
@@ -40,10 +35,10 @@ def fabrics_of(scene: Scene, mesh: Mesh) -> tuple[tuple[FabricConstants, ...], I
                 e_weft=fabric.weft_modulus,
                 poisson=fabric.nu,
                 shear=fabric.shear_modulus,
-                thickness=fabric.thickness,
+                thickness=1.0 if isinstance(fabric.thickness, ElementField) else fabric.thickness,
                 law=fabric.law,
                 side_strain=fabric.side_strain,
-                prestress=fabric.prestress,
+                prestress=(0.0, 0.0, 0.0) if isinstance(fabric.prestress, ElementField) else fabric.prestress,
             )
         )
     bare = np.flatnonzero(number_of < 0)
@@ -55,39 +50,46 @@ def fabrics_of(scene: Scene, mesh: Mesh) -> tuple[tuple[FabricConstants, ...], I
     return tuple(constants), number_of
 
 
-def warp_directions(scene: Scene, mesh: Mesh, tri_fabric: Ints, fabrics: tuple[FabricConstants, ...]) -> Floats:
-    """(tri_count, 3) warp direction of each element.
+def thickness_of(scene: Scene, mesh: Mesh, tri_fabric: Ints) -> Floats | None:
+    """(tri_count,) thickness of each element; None where it is one number for each fabric.
 
-    :raises InputError: a fabric that needs a direction has none, or one that is normal to an element.
+    :raises InputError: element data that are missing, or not above zero.
     """
-    normals = mesh.tri_normals()
-    corners = mesh.points[mesh.triangles]
-    direction = corners[:, 1] - corners[:, 0]  # any direction will do where the fabric has none
-    for number, (group, fabric) in enumerate(fabric_list(scene)):
+    fabrics = fabric_list(scene)
+    if not any(isinstance(fabric.thickness, ElementField) for _, fabric in fabrics):
+        return None
+    found = np.empty(mesh.tri_count)
+    for number, (group, fabric) in enumerate(fabrics):
+        elements, key = np.flatnonzero(tri_fabric == number), f"fabrics.{group}.thickness.field"
+        if not isinstance(fabric.thickness, ElementField):
+            found[elements] = fabric.thickness
+            continue
+        values = element_values(mesh, fabric.thickness.field, elements, key, (1,)) * fabric.thickness.scale
+        bad = np.flatnonzero(~(values >= SMALLEST) | (values > LARGEST))
+        if bad.size:
+            raise InputError(
+                f"{key}: the thickness of element {elements[bad[0]]} (and {bad.size - 1} others) is {values[bad[0]]:g}; "
+                "it must be above 0"
+            )
+        found[elements] = values
+    return found
+
+
+def prestress_of(scene: Scene, mesh: Mesh, tri_fabric: Ints) -> Floats | None:
+    """(tri_count, 3) prestress of each element in fabric axes; None where it is one for each fabric.
+
+    :raises InputError: element data that are missing.
+    """
+    fabrics = fabric_list(scene)
+    if not any(isinstance(fabric.prestress, ElementField) for _, fabric in fabrics):
+        return None
+    found = np.zeros((mesh.tri_count, 3))
+    for number, (group, fabric) in enumerate(fabrics):
         elements = np.flatnonzero(tri_fabric == number)
-        directed = not fabrics[number].isotropic or any(fabric.prestress)
-        if fabric.warp is not None:
-            direction[elements] = fabric.warp
-        elif mesh.tri_warp is not None:
-            direction[elements] = mesh.tri_warp[elements]
-        elif directed:
-            raise InputError(f"fabrics.{group}: this mesh has no warp direction of its own; give warp = [x, y, z]")
-        if directed:
-            checked = preparation.project_on_elements(direction, normals, elements, f"fabrics.{group}.warp")
-            direction[elements] = _turned(checked, normals[elements], np.deg2rad(fabric.warp_angle))
+        if isinstance(fabric.prestress, ElementField):
+            key = f"fabrics.{group}.prestress.field"
+            values = element_values(mesh, fabric.prestress.field, elements, key, (2, 3)) * fabric.prestress.scale
+            found[elements, : values.shape[1]] = values
         else:
-            direction[elements] = _any_tangent(direction[elements], corners[elements], normals[elements])
-    return direction
-
-
-def _any_tangent(direction: Floats, corners: Floats, normals: Floats) -> Floats:
-    """Directions for an isotropic fabric, where only output depends on them: the first side where the asked one is normal."""
-    along = direction - np.einsum("ij,ij->i", direction, normals)[:, None] * normals
-    poor = np.linalg.norm(along, axis=1) <= 1e-6 * np.linalg.norm(direction, axis=1)
-    along[poor] = (corners[:, 1] - corners[:, 0])[poor]
-    return along
-
-
-def _turned(direction: Floats, normals: Floats, angle: float) -> Floats:
-    """Tangent vectors turned by ``angle`` about the normals, counter-clockwise seen from the positive side."""
-    return np.cos(angle) * direction + np.sin(angle) * np.cross(normals, direction)
+            found[elements] = fabric.prestress
+    return found

@@ -1,4 +1,4 @@
-"""Looking up the groups that a scene names."""
+"""Looking up the groups that a scene names, and the fabrics of element groups."""
 
 from __future__ import annotations
 
@@ -7,7 +7,13 @@ import numpy as np
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Ints
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.scene import Pressure
+from taichi_membrane.scene import Fabric, Pressure, Scene
+
+
+def fabric_list(scene: Scene) -> list[tuple[str, Fabric]]:
+    """The scene's fabrics with the element group of each; the default fabric comes first, for all elements."""
+    default = [("all", scene.fabric)] if scene.fabric is not None else []
+    return [*default, *scene.fabrics.items()]
 
 
 def group_nodes(mesh: Mesh, name: str, key: str) -> Ints:

@@ -7,15 +7,20 @@ import numpy as np
 from taichi_membrane.mechanics.preparation import Floats, sum_to_nodes
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
-from taichi_membrane.simulation.fabrics import fabric_list, fabrics_of
+from taichi_membrane.simulation.fabrics import fabrics_of, thickness_of
+from taichi_membrane.simulation.groups import fabric_list
 from taichi_membrane.simulation.members import cable_elements
 
 
 def nodal_mass(scene: Scene, mesh: Mesh) -> Floats:
     """(node_count,) a third of the mass of each triangle, and half that of each cable, at its nodes."""
-    _, tri_fabric = fabrics_of(scene, mesh)
-    per_area = np.array([fabric.surface_mass or 0.0 for _, fabric in fabric_list(scene)])
-    of_fabric = per_area[tri_fabric] * mesh.tri_areas()
+    constants, tri_fabric = fabrics_of(scene, mesh)
+    thickness = thickness_of(scene, mesh, tri_fabric)
+    if thickness is None:
+        thickness = np.array([one.thickness for one in constants])[tri_fabric]
+    given = [(fabric.density, fabric.mass_per_area) for _, fabric in fabric_list(scene)]
+    density, per_area = (np.array(one, dtype=np.float64)[tri_fabric] for one in zip(*given, strict=True))
+    of_fabric = np.where(np.isnan(density), np.nan_to_num(per_area), density * thickness) * mesh.tri_areas()
     mass = sum_to_nodes(mesh, np.repeat(of_fabric / 3.0, 3)[:, None])[:, 0]
     for name, cable in scene.cables.items():
         if cable.mass_per_length > 0.0:

@@ -70,7 +70,7 @@ class Measure:
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
         self.system.set_displacement(displacement)
-        values = self._present(displacement).fields()
+        values = self._present(displacement).fields(self.model.scene.extra_fields)
         swept = self.system.swept_volumes(displacement)
         volume = self.model.rest_volume + float((self.model.enclosing * swept).sum())
         energy = self._energy(state, displacement)
@@ -117,6 +117,7 @@ class Measure:
             reaction=reaction,
             elements=self.system.element_state(),
             cable_force=self.system.cable_forces(),
+            free_strain=self.model.structure.free_strain(self.system.growth()),
         )
 
     def _energy(self, state: LoadState, displacement: Floats) -> float | None:

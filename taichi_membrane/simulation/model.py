@@ -21,7 +21,9 @@ from taichi_membrane.scene import Fabric, Scene, VolumeProbe
 from taichi_membrane.simulation.bodies import PrescribedBody, bodies_of, moments_of, with_body_groups
 from taichi_membrane.simulation.chambers import Chamber, chambers_of, sides
 from taichi_membrane.simulation.dead_forces import unit_forces_of
-from taichi_membrane.simulation.fabrics import fabric_list, fabrics_of, warp_directions
+from taichi_membrane.simulation.fabrics import fabrics_of, prestress_of, thickness_of
+from taichi_membrane.simulation.groups import fabric_list
+from taichi_membrane.simulation.growth import Growth, growth_of
 from taichi_membrane.simulation.load_state import LoadState, unloaded
 from taichi_membrane.simulation.members import (
     cables_of,
@@ -35,11 +37,15 @@ from taichi_membrane.simulation.members import (
 from taichi_membrane.simulation.results import ProbeFunction
 from taichi_membrane.simulation.supports import PrescribedMotion, held_by_springs, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
+from taichi_membrane.simulation.used_data import with_used_data
+from taichi_membrane.simulation.warp import warp_directions
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
 # for every load step (its fields); besides, the record of a step.
 _NODE_BYTES, _TRIANGLE_BYTES = 150, 250
 _STEP_BYTES = 2000
+# Besides, of each triangle for every driver of stress-free strain.
+_GROWTH_BYTES = 16
 
 _SHAPES: dict[str, Callable[..., Mesh]] = {
     "tube": shapes.tube,
@@ -62,6 +68,7 @@ class Model:
     :param surface: winds, loads per plan area and liquids.
     :param unit_forces: (n, 3) dead nodal forces at value 1 of each driver that has some, by names such as ``load.tip``.
     :param motions: prescribed motions of node groups.
+    :param growth: shrinkages and temperatures.
     :param moved_bodies: rigid bodies of which a motion prescribes something.
     :param unit_moments: (bodies, 3) moments about fixed axes at value 1 of each driver that has some.
     :param own_probes: what is measured at every load step beside the scene's probes, by name.
@@ -73,6 +80,7 @@ class Model:
     surface: SurfaceLoads
     unit_forces: Mapping[str, Floats]
     motions: Mapping[str, PrescribedMotion]
+    growth: Growth
     moved_bodies: tuple[PrescribedBody, ...] = ()
     unit_moments: Mapping[str, Floats] = field(default_factory=dict)
     own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
@@ -170,6 +178,10 @@ class Model:
         """Values of all loads on the surface: each follower pressure, then winds, loads per plan area, levels of liquids."""
         return np.array([state.values[driver] for driver in self.surface_drivers])
 
+    def growth_values(self, state: LoadState) -> Floats:
+        """Values of the drivers of stress-free strain."""
+        return np.array([state.values[driver] for driver in self.growth.drivers])
+
     def reference_load(self, state: LoadState) -> float:
         """2-norm of all applied nodal forces, to which residuals are compared: those on the unstressed surface, and dead loads."""
         structure = self.structure
@@ -236,6 +248,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     chambers = chambers_of(scene, mesh)
     tri_chamber, tri_ahead = sides(chambers, mesh.tri_count)
     surface = surface_loads_of(scene, mesh)
+    growth = growth_of(scene, mesh, tri_fabric)
     held, frame = held_components(scene, mesh)
     motions = motions_of(scene, mesh, held, frame)
     cables = cables_of(scene, mesh)
@@ -253,7 +266,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     if left:
         raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
     structure = Structure(
-        mesh=mesh,
+        mesh=with_used_data(scene, mesh),
         fabrics=fabrics,
         tri_fabric=tri_fabric,
         tri_warp=warp_directions(scene, mesh, tri_fabric, fabrics),
@@ -270,6 +283,9 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),
         bodies=bodies,
+        tri_thickness=thickness_of(scene, mesh, tri_fabric),
+        tri_prestress=prestress_of(scene, mesh, tri_fabric),
+        growth=growth.array,
     )
     for name in surface.volumes:
         if rim_moves(structure, surface.waters[name]):
@@ -284,6 +300,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         surface=surface,
         unit_forces=unit_forces,
         motions=motions,
+        growth=growth,
         moved_bodies=moved_bodies,
         unit_moments=moments_of(scene, bodies),
         own_probes=dict(own_probes or {}),
@@ -294,7 +311,9 @@ def _check_memory(scene: Scene, mesh: Mesh) -> None:
     """Refuse now what could only fail after hours: all load steps are kept until the last one is drawn."""
     steps = sum(stage.steps for stage in scene.stages)
     node_bytes = _NODE_BYTES + fields.step_bytes("node") * steps + 24 * len(scene.loads)
-    tri_bytes = _TRIANGLE_BYTES + fields.step_bytes("element") * steps
+    extra = scene.extra_fields
+    tri_bytes = _TRIANGLE_BYTES + fields.step_bytes("element", extra) * steps
+    tri_bytes += _GROWTH_BYTES * (len(scene.shrinkages) + len(scene.temperatures))
     of_cables = fields.step_bytes("cable") * steps * len(line_elements(scene, mesh)[0])
     short = bounds.shortage(mesh.node_count * node_bytes + mesh.tri_count * tri_bytes + _STEP_BYTES * steps + of_cables)
     if short is not None:

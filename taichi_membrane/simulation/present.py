@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -23,6 +24,7 @@ class Present:
     :param reaction: (n, 3) support forces.
     :param elements: state of every triangle.
     :param cable_force: force of every straight piece of a cable.
+    :param free_strain: (m, 2) stress-free strain in warp and weft, where something drives it.
     """
 
     structure: Structure
@@ -30,6 +32,7 @@ class Present:
     reaction: Floats
     elements: ElementState
     cable_force: Floats = field(default_factory=lambda: np.zeros(0))
+    free_strain: Floats | None = None
 
     def __getattr__(self, name: str) -> Any:
         """What the elements know of themselves, by name."""
@@ -37,9 +40,9 @@ class Present:
             raise AttributeError(name)
         return getattr(self.elements, name)
 
-    def fields(self) -> dict[str, NDArray[Any]]:
-        """The values of all fields, by name."""
-        return {one.name: one.of(self) for one in fields.FIELDS}
+    def fields(self, extra: Collection[str] = ()) -> dict[str, NDArray[Any]]:
+        """The values of all fields, by name, with the named optional ones."""
+        return {one.name: one.of(self) for one in fields.of(extra)}
 
     @property
     def major_stress(self) -> Floats:
@@ -95,9 +98,8 @@ class Present:
         corners = (mesh.points + self.displacement)[mesh.triangles]
         side = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
         length = np.linalg.norm(side, axis=2)
-        green = np.array([fabric.side_strain == "green" for fabric in structure.fabrics])[structure.tri_fabric]
-        thickness = np.array([fabric.thickness for fabric in structure.fabrics])[structure.tri_fabric]
-        volume = geometry.area * thickness
+        green = structure.green
+        volume = geometry.area * structure.thickness
         natural = volume[:, None] * np.einsum("iba,ib->ia", geometry.strain_matrix, self.elements.stress)
         reach = np.where(green[:, None], geometry.side_length, length)
         density = np.divide(natural, reach, out=np.zeros_like(natural), where=reach > 0.0)

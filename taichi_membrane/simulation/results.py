@@ -158,7 +158,8 @@ class StepResult:
     @property
     def elements(self) -> ElementFields:
         """What each triangle does."""
-        return ElementFields({one.name: self.fields[one.name] for one in fields.FIELDS if one.place == "element"})
+        held = fields.of(self.fields.keys())
+        return ElementFields({one.name: self.fields[one.name] for one in held if one.place == "element"})
 
 
 # A probe of one's own: from the mesh and the load step, all else measured, a number.

@@ -1,4 +1,4 @@
-"""Derivatives of probes with respect to loads, pressures and thicknesses by one extra solve per probe (adjoint).
+"""Derivatives of probes with respect to loads, pressures, shrinkages, temperatures and thicknesses by one solve each (adjoint).
 
 With F(u, θ) = 0 the out-of-balance forces and K = -∂F/∂u, a probe g(u) has dg/dθ = a·∂F/∂θ, where Kᵀ a = ∂g/∂u.
 """
@@ -13,19 +13,23 @@ from taichi_membrane import scene as scenes
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.algebra.refinement import GOOD
 from taichi_membrane.mechanics.preparation import Floats, volume_gradient
+from taichi_membrane.mechanics.system import System
 from taichi_membrane.simulation.filling import Filling
 from taichi_membrane.simulation.groups import group_nodes
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.solvers.newton import Newton
 
-# Share of the structure's size by which the level of a liquid is changed; rounding leaves 1e-10 of the difference.
-_LEVEL_STEP = 1e-6
+# Share of the structure's size by which the level of a liquid is changed, and strain by which the stress-free one is; rounding
+# leaves 1e-10 of the difference.
+_LEVEL_STEP, _STRAIN_STEP = 1e-6, 1e-6
 
 
 def derivatives(
     model: Model, newton: Newton, factor: Factor, displacement: Floats, filling: Filling
 ) -> tuple[dict[str, dict[str, float]], str]:
-    """Of each probe the scene names, by drivers such as ``load.NAME`` and by ``thickness[.GROUP]``, at the state at rest.
+    """Of each probe the scene names, at the state at rest, by drivers such as ``load.NAME`` and by ``thickness[.GROUP]``.
+
+    Of a thickness by element data the parameter is the factor on them: ``thickness[.GROUP].scale``.
 
     :param filling: what shut chambers and sags hold.
     :return: none, and why, where one of the solutions is not good.
@@ -44,7 +48,10 @@ def derivatives(
 
 
 def _force_derivatives(model: Model, newton: Newton, filling: Filling) -> Iterator[tuple[str, Floats]]:
-    """∂F/∂θ at free components for each parameter; the forces are linear in every one but levels, so that differences are exact."""
+    """∂F/∂θ at free components for each parameter.
+
+    The forces are linear in all but levels and stress-free strain, so that differences are exact.
+    """
     system = newton.system
 
     def at_free(force: Floats) -> Floats:
@@ -70,11 +77,29 @@ def _force_derivatives(model: Model, newton: Newton, filling: Filling) -> Iterat
         system.set_surface_loads(values)
         parts[driver] = (changed[0] - changed[1]) / (2.0 * float(step[number]))
     yield from filling.by_drivers(parts)
+    yield from ((driver, at_free(force)) for driver, force in _of_growth(model, system))
     for number, (name, fabric) in enumerate(model.fabric_names()):
         system.scale_thickness(number, 2.0)
         label = "thickness" if len(model.fabric_names()) == 1 else f"thickness.{name}"
-        yield label, (newton.free_force() - present) / fabric.thickness
+        given = fabric.thickness
+        if isinstance(given, scenes.ElementField):
+            yield f"{label}.scale", (newton.free_force() - present) / given.scale
+        else:
+            yield label, (newton.free_force() - present) / given
         system.scale_thickness(number, 1.0)
+
+
+def _of_growth(model: Model, system: System) -> Iterator[tuple[str, Floats]]:
+    """∂F/∂θ for each driver of stress-free strain: central differences, as Green's strain is quadratic in it."""
+    values = system.growth()
+    for number, (driver, extension) in enumerate(model.growth.extension.items()):
+        step = np.eye(len(values))[number] * (_STRAIN_STEP / np.abs(extension).max())
+        forces = []
+        for sign in (1.0, -1.0):
+            system.set_growth(values + sign * step)
+            forces.append(system.out_of_balance())
+        yield driver, (forces[0] - forces[1]) / (2.0 * step[number])
+        system.set_growth(values)
 
 
 def _gradient(model: Model, name: str, displacement: Floats) -> Floats:

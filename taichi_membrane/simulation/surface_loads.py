@@ -12,7 +12,8 @@ from taichi_membrane.mechanics.pond import Pond
 from taichi_membrane.mechanics.preparation import Floats, PlanLoads, Water, nodal_pressure, sides_now, sum_to_nodes
 from taichi_membrane.mechanics.wet import corner_forces
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.scene import Scene, SnowLoad, WaterLoad, WindLoad, WindTable
+from taichi_membrane.scene import ElementField, Scene, SnowLoad, WaterLoad, WindLoad, WindTable
+from taichi_membrane.simulation.element_data import element_values
 from taichi_membrane.simulation.groups import group_triangles
 
 # A radius of this share of the mesh's size has no direction.
@@ -132,6 +133,9 @@ def _coefficients(mesh: Mesh, name: str, load: WindLoad) -> Floats:
     """(tri_count,) pressure coefficient of each triangle; 0 where the wind does not blow."""
     if load.table is not None:
         return _tabled(mesh, load.table, f"loads.{name}.table")
+    if isinstance(load.cp, ElementField):
+        everywhere = np.arange(mesh.tri_count)
+        return load.cp.scale * element_values(mesh, load.cp.field, everywhere, f"loads.{name}.cp.field", (1,))
     found, owner = np.full(mesh.tri_count, load.cp.get("all", 0.0)), np.full(mesh.tri_count, -1)
     names = [group for group in load.cp if group != "all"]
     for number, group in enumerate(names):
@@ -148,25 +152,35 @@ def _coefficients(mesh: Mesh, name: str, load: WindLoad) -> Floats:
 
 
 def _tabled(mesh: Mesh, table: WindTable, key: str) -> Floats:
-    """Coefficients by the angle from the windward side at the triangles' centres."""
+    """Coefficients by the angle from the windward side at the triangles' centres.
+
+    Of potential flow: 1 less the square of the speed, which is 3/2 sin θ on a sphere, 2 sin θ around a cylinder by the part of the
+    wind across its axis; the part along it goes on as it is.
+    """
     members = group_triangles(mesh, table.group, f"{key}.group")
     radius = mesh.points[mesh.triangles[members]].mean(axis=1) - np.array(table.centre)
-    towards = -np.array(table.direction) / np.linalg.norm(table.direction)
+    towards, across = -np.array(table.direction) / np.linalg.norm(table.direction), 1.0
     if table.axis is not None:
         axis = np.array(table.axis) / np.linalg.norm(table.axis)
         radius = radius - np.outer(radius @ axis, axis)
         towards = towards - (towards @ axis) * axis
-        if np.linalg.norm(towards) < 1e-6:
+        across = float(np.linalg.norm(towards))
+        if across < 1e-6:
             raise InputError(
                 f"{key}: the wind blows along the axis: direction = {list(table.direction)}, axis = {list(table.axis)}"
             )
-        towards = towards / np.linalg.norm(towards)
+        towards = towards / across
     length = np.linalg.norm(radius, axis=1)
     lost = np.flatnonzero(length <= _NO_RADIUS * np.linalg.norm(np.ptp(mesh.points, axis=0)))
     if lost.size:
         raise InputError(
             f"{key}.centre: element {members[lost[0]]} (and {lost.size - 1} others) lies at the centre, or on the axis"
         )
+    if table.flow is not None:
+        sine = np.linalg.norm(np.cross(radius, towards), axis=1) / length
+        found = np.zeros(mesh.tri_count)
+        found[members] = across**2 * (1.0 - ((1.5 if table.axis is None else 2.0) * sine) ** 2)
+        return found
     angle = np.degrees(np.arccos(np.clip(radius @ towards / length, -1.0, 1.0)))
     outside = np.flatnonzero((angle < table.angles[0]) | (angle > table.angles[-1]))
     if outside.size:

@@ -13,9 +13,9 @@ from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import PathPoint
 
-# The force of a motion, or of a liquid's level, is a difference over this share of the way, either side: rounding leaves 1e-10 of
-# it. Ten times more changes the stiffness of a turned annulus and a pulled tent by 4e-4 at most, ten times less by 6e-6: nothing,
-# against a resolution of 0.1.
+# The force of a motion, of a liquid's level, or of stress-free strain is a difference over this share of the way, either side:
+# rounding leaves 1e-10 of it. Ten times more changes the stiffness of a turned annulus and a pulled tent by 4e-4 at most, ten
+# times less by 6e-6: nothing, against a resolution of 0.1.
 _DIFFERENCE = 1e-6
 # Free forces of a load that are this share of all its forces are round-off.
 _NO_FORCE = 1e-12
@@ -68,6 +68,7 @@ class Way:
 
     :param press: sets pressures and loads of a load state, and prescribed displacements where they move.
     :param linear: whether the forces at fixed displacements are linear in the share, but for motions, with which they never are.
+    :param round_off: what rounding leaves of the force of a way that may move nothing, from a difference over the given share.
     """
 
     def __init__(
@@ -78,9 +79,10 @@ class Way:
         press: Callable[[LoadState], None],
         *,
         linear: bool = True,
+        round_off: Callable[[float], float] | None = None,
     ) -> None:
         self.newton, self.system = newton, newton.system
-        self.before, self.after, self._press = before, after, press
+        self.before, self.after, self._press, self._round_off = before, after, press, round_off
         self.moves = before.motions != after.motions
         self.linear = linear and not self.moves
 
@@ -112,6 +114,8 @@ class Way:
             self.system.set_displacement(position)
         if behind != share:
             self.press(share)
+        if self._round_off is not None and np.linalg.norm(change) <= self._round_off(_DIFFERENCE):
+            return np.zeros_like(change)  # stiffness against round-off would be no measure of anything
         return np.asarray(change)
 
     def rest(self, share: float) -> Rest:

@@ -12,7 +12,7 @@ QUADS = [(1, 2, 5, 4), (2, 3, 6, 5), (4, 5, 8, 7), (5, 6, 9, 8)]
 
 @dataclass(frozen=True)
 class Read:
-    """A mesh that must come out: counts, area, sizes of groups, words that its notes must hold."""
+    """A mesh that must come out: counts, area, sizes of groups, components of element data, words of its notes."""
 
     triangles: int = 8
     area: float = 4.0
@@ -22,6 +22,7 @@ class Read:
     line_groups: dict[str, int] = field(default_factory=dict)
     loose_groups: dict[str, int] = field(default_factory=dict)
     lines: int = 0
+    tri_fields: dict[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
 

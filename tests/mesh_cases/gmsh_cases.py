@@ -47,6 +47,12 @@ G_BLOCKS: list[tuple[int, int, int, list[tuple[int, ...]]]] = [
 ]
 
 
+def g_data(name: str, values: list[tuple[float, ...]]) -> str:
+    """Data of elements; rows are (number of the element, its values)."""
+    head = f'$ElementData\n1\n"{name}"\n1\n0.0\n3\n0\n{len(values[0]) - 1}\n{len(values)}\n'
+    return head + "".join(" ".join(map(str, row)) + "\n" for row in values) + "$EndElementData\n"
+
+
 def _g(feature: str, content: str, verdict: Read | str) -> Case:
     return Case("gmsh .msh", feature, "g.msh", content, verdict)
 
@@ -84,9 +90,38 @@ GMSH = [
         "elements 0 and 8 have the same three nodes",
     ),
     _g(
+        "2.2: a row that has lost a node",
+        g_old([*G_RIM, *G_SHEET], "").replace("5 2 2 1 7 2 3 6\n", "5 2 2 1 7 2 3\n"),
+        "element 2 is defined twice, with other nodes",
+    ),
+    _g(
         "2.2: quadrilaterals",
         g_old([(3, 2, 1, 1, *quad) for quad in QUADS]),
         Read(tri_groups={"low": 8}, notes=("split 4 quadrilaterals",)),
+    ),
+    _g(
+        "data of elements, numbers and vectors",
+        g_old([*G_RIM, *G_SHEET])
+        + g_data("t", [(n, 0.5) for n in range(3, 11)])
+        + g_data("my fibre", [(n, 1, 0, 0) for n in range(1, 11)]),
+        Read(
+            lines=2,
+            tri_groups=HALVES,
+            line_groups={"rim": 2},
+            node_groups={"rim": 3},
+            tri_fields={"t": 1, "my fibre": 3},
+            notes=("'peg' (dimension 0, number 9) has no elements",),
+        ),
+    ),
+    _g(
+        "data of an element that is not there",
+        g_old(G_SHEET) + g_data("t", [(9, 0.5)]),
+        "\\$ElementData 't' is of element 9, which is not defined",
+    ),
+    _g(
+        "data without a name",
+        g_old(G_SHEET) + "$ElementData\n0\n0\n3\n0 1 0\n$EndElementData\n",
+        "a name, and the numbers of components \\(at most 9\\) and of elements are expected",
     ),
     _g(
         "4.1: groups by entities, an entity in several",

@@ -31,11 +31,15 @@ the file is refused with one message and exit code 2. A group that the scene doe
   (single precision and rounded text are told from the numbers), at least {same:g} of the mesh's size, at most {nearly:g} of the
   shortest edge. Gaps up to that share of the shortest edge are refused whatever the digits are; `join = 1e-4` in the scene's mesh
   makes `--repair` join them. `open_seams = true` keeps all such edges apart, as slits.
+- **Element data**: real numbers and vectors of the elements in `.vtk`, `.vtu`, `.vtp`, `.msh` ($ElementData) and what meshio reads
+  keep their names (`mesh.tri_fields`); scenes take thickness, prestress, warp directions and pressure coefficients from them by
+  `{{ field = "NAME" }}`. An array of whole numbers is groups, one for each value: so a number for each fabric becomes
+  `[fabrics.NAME_3]`. Arrays of vectors named `warp` are the mesh's own warp directions.
 - **Counts** in the file are compared with what is there; reading is bounded in memory and time. Two million triangles are loaded,
   welded and validated in 9.0 s and 0.92 GiB from binary STL, in 6.4 s and 0.70 GiB from `.vtu`, in 5.4 s from compressed `.vtu`
   (one thread of an AMD EPYC; `benchmarks/mesh_files.py`).
-- **Writing**: `mesh.save("file.vtu")` keeps everything; `.inp` and `.msh` all but warp directions; `.stl` bare surfaces, in single
-  precision.
+- **Writing**: `mesh.save("file.vtu")` keeps everything; `.inp` and `.msh` all but warp directions and element data; `.stl` bare
+  surfaces, in single precision.
 - **Text** may be UTF-8, UTF-16 with its mark, or any 8-bit encoding (read as Latin-1).
 
 File extensions: {own}.
@@ -87,5 +91,6 @@ def _told(wanted: Read) -> str:
     groups = [
         f"{kind} {', '.join(f'`{name}` ({size})' for name, size in held.items())}" for kind, held in kinds if held
     ]
+    groups += [f"element data {', '.join(f'`{name}`' for name in wanted.tri_fields)}"] if wanted.tri_fields else []
     groups += [f"loose points {', '.join(f'`{name}`' for name in wanted.loose_groups)}"] if wanted.loose_groups else []
     return "read" + (f": {'; '.join(groups)}" if groups else "")

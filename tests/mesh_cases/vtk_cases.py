@@ -90,7 +90,7 @@ VTK = [
         ".vtu: numbering, real numbers",
         "v.vtu",
         x_vtu('<DataArray type="Float64" Name="t" format="ascii">1 1 1 1 1 1 1 1</DataArray>'),
-        Read(notes=("not carried over: 't' of cells",)),
+        Read(tri_fields={"t": 1}),
     ),
     _v(
         ".vtu: marks of our own, group:NAME",

@@ -19,6 +19,26 @@ def test_hencky_series_starts_with_the_published_coefficient(nu: float, first: f
     assert closed_forms.hencky_series(nu)[0] == pytest.approx(first, abs=5e-5)
 
 
+@pytest.mark.parametrize("wrinkled", [False, True])
+def test_a_shrinking_disc_and_its_ring_agree_with_the_integrated_ring(wrinkled: bool) -> None:
+    """Equilibrium (r N_r)' = N_t and compatibility of the ring, by small steps from the seam to the rim."""
+    inner, nu, steps = 0.5, 0.0 if wrinkled else 0.3, 20_000
+    stress, draw = closed_forms.shrink_wrinkled(inner) if wrinkled else closed_forms.shrink_fit(inner, nu)
+    assert draw == pytest.approx(1.0 - (1.0 - nu) * stress, rel=1e-12)  # the disc's side of the seam
+    r, h = inner, (1.0 - inner) / steps
+    tension, moved = stress, -draw * inner
+
+    def slopes(r: float, tension: float, moved: float) -> tuple[float, float]:
+        hoop = 0.0 if wrinkled else moved / r + nu * tension
+        return (hoop - tension) / r, tension - nu * hoop
+
+    for _ in range(steps):
+        one, along = slopes(r, tension, moved)
+        two, onward = slopes(r + 0.5 * h, tension + 0.5 * h * one, moved + 0.5 * h * along)
+        r, tension, moved = r + h, tension + h * two, moved + h * onward
+    assert (moved if wrinkled else tension) == pytest.approx(0.0, abs=1e-8)
+
+
 def test_hencky_disc_scales_with_the_cube_root_of_the_load() -> None:
     rise, stress = closed_forms.hencky_disc(1.0, 0.3)
     assert (rise, stress) == pytest.approx((0.653443, 0.431101), rel=PRINTED)

@@ -212,7 +212,7 @@ def _with_findings(entry: Entry, problem: Problem, work: Any, steps: Sequence[St
     """Fill in what the run left: the last step's record, and numbers taken anew from the state the membrane is in."""
     last = steps[-1]
     model = work.model
-    scale = math.hypot(model.reference_load(LoadState(last.drivers)), work.system.prestress_norm())
+    scale = math.hypot(model.reference_load(LoadState(last.drivers)), work.system.self_stress_norm())
     force = work.system.in_frames(work.system.out_of_balance())
     size = float(np.linalg.norm(np.where(model.structure.node_held, 0.0, force)))
     residual = size / scale if scale > 0.0 else None

@@ -42,7 +42,7 @@ def examine(work: Any, model: Model, step: StepResult, *, potential: bool = True
     held = model.structure.node_held
     reaction = work.system.from_frames(np.where(held, -force, 0.0))
     applied = model.reference_load(LoadState(step.drivers))
-    scale = float(np.hypot(applied, work.system.prestress_norm()))
+    scale = float(np.hypot(applied, work.system.self_stress_norm()))
     tolerance = work.equilibrium.tolerance
     if applied == 0.0 and scale == 0.0:
         scale = float(np.linalg.norm(reaction))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from taichi_membrane.assurance.verification import cables, filled, films, pressure, rigid, tubes, wrinkling
+from taichi_membrane.assurance.verification import cables, filled, films, pressure, rigid, shrinkage, tubes, wrinkling
 from taichi_membrane.assurance.verification.benchmark import Benchmark
 from taichi_membrane.errors import InputError
 
@@ -23,6 +23,7 @@ CASES: dict[str, Callable[[], Benchmark]] = {
     "torsion": tubes.torsion,
     "end_plate": rigid.end_plate,
     "mast": rigid.mast,
+    "shrink": shrinkage.shrink,
     "catenoid": films.catenoid,
     "scherk": films.scherk,
     "hypar": films.hypar,

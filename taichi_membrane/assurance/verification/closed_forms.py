@@ -112,6 +112,26 @@ def wrinkled_strip(curvature: float, middle_strain: float, prestress: float, sti
     return force, force * (1.0 / 6.0 + band / 3.0)
 
 
+def shrink_fit(inner: float, nu: float) -> tuple[float, float]:
+    """Stress over E e of a disc that shrinks by e inside a ring of unit outer radius, free outside; draw of the seam over e a.
+
+    The disc is under equal tension σ: its seam moves in by e - (1 - ν) σ/E of its radius. The ring, pulled inwards by σ (Lamé's
+    thick ring), moves by σ/E ((1 + a²)/(1 - a²) + ν). Both are one: σ/(E e) = (1 - a²)/2.
+    """
+    stress = 0.5 * (1.0 - inner**2)
+    return stress, stress * ((1.0 + inner**2) / (1.0 - inner**2) + nu)
+
+
+def shrink_wrinkled(inner: float) -> tuple[float, float]:
+    """The same of a ring that is held at its outer rim and wrinkles, with ν = 0.
+
+    The tension is radial alone, σ a/r, so that the seam moves in by σ a ln(1/a)/E: σ/(E e) = 1/(1 + ln(1/a)). The hoop strain is
+    less than zero everywhere inside the rim, so that all of the ring is wrinkled.
+    """
+    stress = 1.0 / (1.0 - math.log(inner))
+    return stress, 1.0 - stress
+
+
 def off_axis_strain(
     axial: float, hoop: float, *, warp: float, weft: float, nu: float, shear: float, angle: float
 ) -> tuple[float, float, float]:

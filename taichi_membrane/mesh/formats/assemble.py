@@ -26,6 +26,7 @@ class MeshParts:
     :param lines: (m, 2) node numbers of line elements.
     :param loose_groups: named node numbers, all of them n or above.
     :param line_groups: named numbers of lines.
+    :param tri_fields: numbers of the triangles, (m,) or (m, k), by name.
     :param resolution: last digit of the coordinates as the file gives them [length].
     :param element_name, node_name: what the file calls a triangle and a node, for messages.
     """
@@ -43,6 +44,7 @@ class MeshParts:
     element_name: Callable[[int], str] | None
     node_name: Callable[[int], str] | None
     notes: list[str] = field(default_factory=list)
+    tri_fields: dict[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 def assemble(source: Source, raw: RawMesh) -> MeshParts:
@@ -99,6 +101,7 @@ def assemble(source: Source, raw: RawMesh) -> MeshParts:
         element_name=_through(raw.cell_name, tri_cell),
         node_name=_through(raw.node_name, np.flatnonzero(used)),
         notes=notes,
+        tri_fields={name: values[tri_cell] for name, values in raw.cell_fields.items()},
     )
 
 

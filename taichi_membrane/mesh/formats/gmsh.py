@@ -18,13 +18,14 @@ _SOLIDS = {4: "tetrahedra", 5: "hexahedra", 6: "prisms", 7: "pyramids"}
 
 @dataclass(eq=False)
 class _Content:
-    """What the sections say; elements as rows of (type, physical tags, nodes)."""
+    """What the sections say; elements as rows of (type, physical tags, nodes, numbers); data by name as (numbers, values)."""
 
     names: dict[tuple[int, int], str] = field(default_factory=dict)
     physical: dict[tuple[int, int], list[int]] = field(default_factory=dict)
     labels: Ints = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     points: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3)))
-    blocks: list[tuple[CellKind, Ints, Ints, list[Ints]]] = field(default_factory=list)
+    blocks: list[tuple[CellKind, Ints, Ints, Ints]] = field(default_factory=list)
+    data: dict[str, tuple[Ints, NDArray[np.float64]]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
@@ -50,6 +51,8 @@ def read(source: Source) -> RawMesh:
                 _nodes_new(words, content) if version == "4.1" else _nodes_old(words, content)
             case "Elements":
                 _elements_new(words, content) if version == "4.1" else _elements_old(words, content)
+            case "ElementData" if not words.binary:
+                _data(words, content)
             case "ParametricNodes":
                 raise source.fault(
                     "nodes with parameters are not read: save with Mesh.SaveParametric = 0", words.line or None
@@ -122,9 +125,9 @@ def _kind(words: Words, number: int, count: int) -> tuple[CellKind, int]:
 def _elements_old(words: Words, content: _Content) -> None:
     """Consecutive elements of one type are one block; each row has its own tags."""
     total = words.count("elements")
-    for number, _labels, tags, nodes in words.element_runs(total):
+    for number, labels, tags, nodes in words.element_runs(total):
         kind, _ = _kind(words, number, len(nodes))
-        content.blocks.append((kind, nodes, tags, []))
+        content.blocks.append((kind, nodes, tags, labels))
     held = sum(len(nodes) for _, nodes, _, _ in content.blocks)
     if held != total:
         raise words.fault(f"the file announces {several(total, 'element')} and holds {held}")
@@ -140,7 +143,7 @@ def _elements_new(words: Words, content: _Content) -> None:
         if of_kind != dimension:
             raise words.fault(f"elements of dimension {of_kind} in an entity of dimension {dimension}")
         corners = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4}[kind]
-        nodes = words.tags(count * (corners + 1)).reshape(count, -1)[:, 1:]
+        labels, nodes = np.split(words.tags(count * (corners + 1)).reshape(count, -1), [1], axis=1)
         physical = content.physical.get((dimension, tag), [])
         if kind != "vertex" and physical and max(physical) < 0:  # all its groups have it the other way round
             nodes = nodes[:, ::-1]
@@ -150,11 +153,44 @@ def _elements_new(words: Words, content: _Content) -> None:
                 f"the physical groups {both} of entity {tag} have its elements in both orientations: kept as its own"
             )
         groups = np.tile(np.array(physical, dtype=np.int64), (count, 1))
-        content.blocks.append((kind, nodes, groups, []))
+        content.blocks.append((kind, nodes, groups, labels.ravel()))
     held = sum(len(nodes) for _, nodes, _, _ in content.blocks)
     if held != total:
         raise words.fault(f"the file announces {several(total, 'element')} and holds {held}")
     words.end()
+
+
+def _data(words: Words, content: _Content) -> None:
+    """Name and other texts, time and other numbers, then step, components and how many; an element and its values in each row."""
+    texts = words.texts(words.count("texts"))
+    words.reals(words.count("numbers"))
+    settings = words.integers(words.count("whole numbers"))
+    if not texts or len(settings) < 3 or not 0 < settings[1] <= 9 or settings[2] < 0:
+        raise words.fault("a name, and the numbers of components (at most 9) and of elements are expected")
+    width, count = int(settings[1]), int(settings[2])
+    rows = words.reals(count * (width + 1)).reshape(count, width + 1)
+    content.data[texts[0]] = (rows[:, 0].astype(np.int64), rows[:, 1:] if width > 1 else rows[:, 1])
+    words.end()
+
+
+def _place_data(source: Source, raw: RawMesh, content: _Content, labels: Ints, places: Ints) -> None:
+    """Values of elements by their numbers; elements without one get none, which is no number.
+
+    A number that two elements have tells of a row that lost a node, and took the next row's number for it.
+    """
+    numbering = Numbering(labels)
+    order = np.argsort(labels, kind="stable")
+    one, other = order[:-1], order[1:]
+    twice = np.flatnonzero((labels[one] == labels[other]) & (places[one] != places[other]))
+    if twice.size:
+        raise source.fault(f"element {labels[one[twice[0]]]} is defined twice, with other nodes")
+    for name, (of, values) in content.data.items():
+        at = numbering.find(of)
+        if (at < 0).any():
+            raise source.fault(f"$ElementData '{name}' is of element {of[at < 0][0]}, which is not defined")
+        field_of = np.full((raw.cell_count, *values.shape[1:]), np.nan)
+        field_of[places[at]] = values
+        raw.cell_fields[name] = field_of
 
 
 def _mesh(source: Source, content: _Content) -> RawMesh:
@@ -165,8 +201,10 @@ def _mesh(source: Source, content: _Content) -> RawMesh:
     raw = RawMesh(content.points, notes=content.notes)
     raw.node_name = lambda node: f"node {content.labels[node]}"
     members: dict[tuple[int, int], list[Ints]] = {}
+    labels, places = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     for kind in ("vertex", "line", "triangle", "quad"):
-        own = [(nodes, tags) for of_kind, nodes, tags, _ in content.blocks if of_kind == kind and len(nodes)]
+        mine = [block[1:] for block in content.blocks if block[0] == kind and len(block[1])]
+        own = [(nodes, tags) for nodes, tags, _ in mine]
         if not own:
             continue
         width = max(tags.shape[1] for _, tags in own)
@@ -177,12 +215,15 @@ def _mesh(source: Source, content: _Content) -> RawMesh:
             raise source.fault(f"a {kind} uses node {nodes[at < 0][0]}, which is not defined")
         row, kept = _merged(at, tags)
         numbers = np.array(raw.add_cells(kind, at[kept]))
+        labels += [block[2] for block in mine]
+        places.append(numbers[row])
         dimension = {"vertex": 0, "line": 1}.get(kind, 2)
         for tag in np.unique(np.abs(tags[tags != 0])).tolist():
             which = (np.abs(tags) == tag).any(axis=1)
             members.setdefault((dimension, tag), []).append(np.unique(numbers[row[which]]))
     for (dimension, tag), cells in members.items():
         raw.group_cells(content.names.get((dimension, tag), f"physical_{tag}"), np.concatenate(cells))
+    _place_data(source, raw, content, np.concatenate(labels), np.concatenate(places))
     for key, name in content.names.items():
         if key not in members:
             raw.notes.append(f"the physical group '{name}' (dimension {key[0]}, number {key[1]}) has no elements")

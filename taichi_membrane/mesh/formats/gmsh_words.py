@@ -115,6 +115,10 @@ class Words:
         except ValueError as error:
             raise self.fault(f"numbers are expected: {error}") from None
 
+    def texts(self, count: int) -> list[str]:
+        """Texts in quotation marks, of a section in text."""
+        return [word.strip('"') for word in self._text(count)]
+
     def count(self, what: str) -> int:
         """A count that the file has room for. In text and in format 4.1 it is a number like others; names are always text."""
         if (self.binary and self.version == "2.2") or self.name == "PhysicalNames":

@@ -44,6 +44,7 @@ class RawMesh:
     :param cell_groups: named sets of cells.
     :param welded: points of equal position are one node: formats that have no node numbers say so.
     :param tri_warp: (cells, 3) warp direction of each cell, where the file says it.
+    :param cell_fields: arrays of numbers that the file gives to its cells, (cells,) or (cells, k), by name.
     :param resolution: last digit of the coordinates [length], where the points cannot tell because they were transformed.
     :param cell_name: words for a cell in messages, from its number; such as "element 12 (line 40)".
     :param node_name: words for a point in messages, from its place.
@@ -56,6 +57,7 @@ class RawMesh:
     cell_groups: list[CellGroup] = field(default_factory=list)
     welded: bool = False
     tri_warp: NDArray[np.float64] | None = None
+    cell_fields: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     resolution: float | None = None
     cell_name: Callable[[int], str] | None = None
     node_name: Callable[[int], str] | None = None

@@ -14,6 +14,7 @@ from taichi_membrane.mesh.formats.source import Source, several
 Ints = NDArray[np.int64]
 GROUP, LINES = "group:", "lines:"  # begin the names of 0/1 arrays that mark members; quoted as in URLs
 WARP = "warp"
+WIDEST = 9  # components of an array that is kept: those of a tensor
 _KINDS: dict[int, CellKind] = {1: "vertex", 3: "line", 5: "triangle", 9: "quad"}
 _MANY: dict[int, str] = {2: "vertex", 4: "line", 6: "strip", 7: "polygon", 8: "pixel"}
 _SOLIDS = (10, 11, 12, 13, 14, 15, 16, 24, 25, 26, 27, 29, 32, 33, 41, 42)
@@ -96,7 +97,7 @@ def name_groups(
     cell_data: Mapping[str, NDArray[np.generic]],
     point_data: Mapping[str, NDArray[np.generic]],
 ) -> None:
-    """Whole numbers of cells as groups, our own marks as the groups they mark, and what is not carried over.
+    """Whole numbers of cells as groups, our own marks as the groups they mark, other numbers as fields; what is not carried over.
 
     A mark is a 0/1 array whose name begins with ``group:``, as this program writes it; any other array of whole numbers gives a
     group for each value.
@@ -119,6 +120,8 @@ def name_groups(
             continue
         elif values.ndim == 1 and values.dtype.kind in "iub":
             raw.group_by_value(name, values[origin].astype(np.int64), np.arange(len(origin)))
+        elif values.dtype.kind in "iuf" and values.ndim <= 2 and 0 < values[:1].size <= WIDEST:
+            raw.cell_fields[name] = values[origin].astype(np.float64)
         else:
             left_out.append(f"'{name}' of cells")
     for name, values in point_data.items():
