@@ -68,7 +68,7 @@ class Policy:
     :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to; its
         size is a matter of cost.
     :param softening: a step of the path after which s has fallen below this share is looked for nearer, unless it rises by less
-        than ``shortest`` of the way: e is measured by the stiffer end, and a jump hidden in it is a nineteenth of the step at ends of
+        than ``shortest`` of the way: e is measured by the stiffer end, and a jump hidden in it is a nineteenth of it at ends of
         equal stiffness only. Without, of a scattered mesh one run in four left the path, and its limit came out 9·10⁻³ too high.
     :param balance: residual over tolerance up to which a start counts as an equilibrium. Between the two stand the changes that a
         pressure's rounding or a shut valve bring; starts that are none, such as prestress let go, are off by 1e4 and more.
