@@ -6,6 +6,7 @@ from taichi_membrane.scene.base import (
     Component,
     Vector,
 )
+from taichi_membrane.scene.built import ArchTentShape, MattressShape
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.fabric import Fabric
 from taichi_membrane.scene.loads import (
@@ -69,6 +70,7 @@ __all__ = [
     "AnnulusShape",
     "AnyLoad",
     "ArchShape",
+    "ArchTentShape",
     "AreaProbe",
     "Body",
     "BodyLoad",
@@ -93,6 +95,7 @@ __all__ = [
     "Group",
     "LevelProbe",
     "Load",
+    "MattressShape",
     "MeshFile",
     "MeshSource",
     "Modes",

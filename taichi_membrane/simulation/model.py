@@ -33,7 +33,7 @@ from taichi_membrane.simulation.members import (
     with_member_nodes,
 )
 from taichi_membrane.simulation.results import ProbeFunction
-from taichi_membrane.simulation.supports import PrescribedMotion, held_by_springs, held_components, motions_of
+from taichi_membrane.simulation.supports import PrescribedMotion, held_by_others, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
 
 # What a run keeps, in bytes: of each node and triangle (mesh and fields of the engine, double precision), and of each of them
@@ -50,6 +50,8 @@ _SHAPES: dict[str, Callable[..., Mesh]] = {
     "wedge": shapes.wedge,
     "panel": shapes.panel,
     "cushion": shapes.cushion,
+    "arch_tent": shapes.arch_tent,
+    "mattress": shapes.mattress,
 }
 
 
@@ -242,16 +244,17 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     single = held.copy()
     bodies, moved_bodies = bodies_of(scene, mesh, held, frame)
     unit_forces = unit_forces_of(scene, mesh)
-    springs = springs_of(scene, mesh)
+    springs, planes = springs_of(scene, mesh), planes_of(scene, mesh)
     ties = [np.column_stack([one.nodes[:-1], one.nodes[1:]]) for one in bodies]
     ties.append(line_elements(scene, mesh)[0])
     clamps = [meshes.Clamp(int(one.nodes[0]), one.centre, one.held) for one in bodies]
     joined = np.concatenate(ties)
     left = meshes.rigid_motions_left(
-        mesh, *held_by_springs(single, frame, springs), joined if len(joined) else None, clamps
+        mesh, *held_by_others(single, frame, mesh.points, springs, planes), joined if len(joined) else None, clamps
     )
     if left:
-        raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
+        hint = "; planes hold what touches them at rest" if planes else ""
+        raise InputError(f"supports: the structure is free to move: {'; '.join(left)}{hint}")
     structure = Structure(
         mesh=mesh,
         fabrics=fabrics,
@@ -265,7 +268,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         cables=cables,
         ropes=ropes_of(scene, mesh),
         springs=springs,
-        planes=planes_of(scene, mesh),
+        planes=planes,
         wind=surface.wind,
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),
