@@ -203,9 +203,11 @@ def _mesh(scene: Scene, path: Path, checksum: str) -> Mesh:
         open_seams=True,  # the scene said what becomes of them when the run began
         tri_fields={unquote(name.removeprefix(DATA)): held for name, held in cells.items() if name.startswith(DATA)},
     )
-    mesh = with_added_nodes(
-        mesh, content.points[count:], {name: groups[name] for name in groups.keys() - mesh.node_groups}
-    )
+    if count < len(content.points):
+        added = {name: members for name, members in groups.items() if name not in mesh.node_groups}
+        mesh = with_added_nodes(mesh, content.points[count:], added)
+        # In the order they had, which the run's next files have as well.
+        mesh = replace(mesh, node_groups={name: mesh.node_groups[name] for name in ("all", *groups)})
     lines = content.cells_dict.get("line")
     if lines is not None:
         mesh = _with_lines(scene, mesh, lines, content.cell_data[CABLE][1])

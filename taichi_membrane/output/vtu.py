@@ -30,9 +30,9 @@ def write_vtu(
         blocks.append(("line", lines))
         for name, array in tri_data.items():
             cells[name] = [array, line_data.get(name, _nothing(array, len(lines)))]
-        for name in line_data.keys() - tri_data.keys():
-            cells[name] = [_nothing(line_data[name], mesh.tri_count), line_data[name]]
-        cells = {name: cells[name] for name in sorted(cells)}
+        for name, array in line_data.items():
+            if name not in tri_data:
+                cells[name] = [_nothing(array, mesh.tri_count), array]
     content = meshio.Mesh(mesh.points, blocks, point_data=dict(point_data), cell_data=cells)
     content.write(path, file_format="vtu")
     return file_checksum(path)
