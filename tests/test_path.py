@@ -123,7 +123,7 @@ def test_a_stable_branch_is_followed() -> None:
     result = run(Scene.model_validate(scene))
     assert result.outcome == "finished"
     past = result.steps[1]
-    assert {passage.event for passage in past.trace} <= {"unstable", "load control"}
+    assert {passage.event for passage in past.trace} <= {"unstable", "bisected", "load control"}
     assert abs(past.probes["bulge"]) > 0.1
     assert [step.negative_pivots for step in result.steps] == [0, 0, 0]
 

@@ -130,7 +130,7 @@ def test_reactions_of_a_motion_balance_whatever_the_mesh(rings: int, kind: str) 
     result = run(annulus(rings, solver={"kind": kind}))
     assert result.outcome == "finished"
     if kind == "hybrid":
-        assert result.steps[-1].iterations < 25  # the unstrained start is no reason to cut the step to pieces
+        assert result.steps[-1].iterations < 35  # the unstrained start is no reason to cut the step to pieces
     hub, rim = (result.probe(name)[-1] for name in ("inner", "outer"))
     assert hub == pytest.approx(-rim, rel=1e-5)
 

@@ -199,7 +199,8 @@ def part_volumes(
     """Return the enclosed volume of each connected part (signed; meaningful for closed parts only)."""
     # Measured from the middle of the mesh: far from the origin the sum would cancel to round-off.
     p0, p1, p2 = (points[triangles[:, corner]] - points.mean(axis=0) for corner in range(3))
-    return np.bincount(label[triangles[:, 0]], weights=(p0 * np.cross(p1, p2)).sum(axis=1)) / 6.0
+    weights = (p0 * np.cross(p1, p2)).sum(axis=1)
+    return np.bincount(label[triangles[:, 0]], weights=weights, minlength=int(label.max()) + 1) / 6.0
 
 
 def _is_cavity(

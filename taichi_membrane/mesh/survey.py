@@ -90,7 +90,9 @@ def _bodies(mesh: Mesh) -> tuple[Body, ...]:
     is_open[label[mesh.junction_edges()]] = True  # a body with inner walls has several volumes
     order = np.argsort(-area, kind="stable").tolist()
     return tuple(
-        Body(int(nodes[k]), int(triangles[k]), float(area[k]), None if is_open[k] else float(volume[k])) for k in order
+        Body(int(nodes[k]), int(triangles[k]), float(area[k]), None if is_open[k] else float(volume[k]))
+        for k in order
+        if triangles[k] > 0  # the others are ends of cables
     )
 
 

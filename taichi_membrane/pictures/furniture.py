@@ -140,7 +140,9 @@ class Page:
                 self.axes.add_patch(Polygon(tip, facecolor=tuple(colour), edgecolor=INK, linewidth=self.points(1.0)))
         self.axes.add_patch(Polygon(frame, fill=False, edgecolor=INK, linewidth=self.points(1.0)))
         ticks, words, factor = _ticks(bar.low, bar.high)
-        self.text(left, y, f"{bar.label}{factor}", va="center")
+        label = self.text(left, y, f"{bar.label}{factor}", va="center")
+        if label.get_window_extent(self.canvas.get_renderer()).width > width:
+            label.set(x=left + width, ha="right")
         for tick, word in zip(ticks, words, strict=True):
             x = left + width * (tick - bar.low) / (bar.high - bar.low)
             self.axes.plot([x, x], [top + height, top + height + 6 * self.unit], color=INK, lw=self.points(1.2))

@@ -6,6 +6,7 @@ from taichi_membrane.scene.base import (
     Component,
     Vector,
 )
+from taichi_membrane.scene.built import ArchTentShape, MattressShape
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.element_field import ElementField, WarpSource
 from taichi_membrane.scene.fabric import Fabric
@@ -71,6 +72,7 @@ __all__ = [
     "AnnulusShape",
     "AnyLoad",
     "ArchShape",
+    "ArchTentShape",
     "AreaProbe",
     "Body",
     "BodyLoad",
@@ -96,6 +98,7 @@ __all__ = [
     "Group",
     "LevelProbe",
     "Load",
+    "MattressShape",
     "MeshFile",
     "MeshSource",
     "Modes",

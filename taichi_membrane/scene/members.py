@@ -98,7 +98,7 @@ class Spring(Record):
 
 
 class Plane(Record):
-    """A rigid plane that nodes touch without friction and do not pass."""
+    """A rigid plane that nodes touch without friction and do not pass; what touches it at rest may lie on it by weight."""
 
     through: Vector
     """A point of it."""

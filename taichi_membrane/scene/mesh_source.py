@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from taichi_membrane.scene.base import Count, Positive, Record
+from taichi_membrane.scene.built import ArchTentShape, MattressShape
 
 
 class TubeShape(Record):
@@ -172,6 +173,8 @@ MeshSource = Annotated[
     | DiscShape
     | AnnulusShape
     | WedgeShape
+    | ArchTentShape
+    | MattressShape
     | MeshFile
     | GivenMesh,
     Field(discriminator="shape"),

@@ -71,7 +71,7 @@ def tube(
     ):
         if kind == "none":
             continue
-        cap_points, cap = _cap(kind, radius, Ring(around, int(phase)), outwards)
+        cap_points, cap = cap_of(kind, radius, Ring(around, int(phase)), outwards)
         cap_points[:, 0] += points[rim[0], 0]
         node_groups[name] = np.concatenate((rim, len(points) + np.arange(len(cap_points))))
         tri_groups[name] = len(triangles) + np.arange(len(cap))
@@ -102,7 +102,7 @@ def _wall_directions(around: int, phases: NDArray[np.int64]) -> tuple[NDArray[np
     return directions[:, 0].ravel(), directions[:, 1].ravel()
 
 
-def _cap(kind: str, radius: float, rim: Ring, outwards: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def cap_of(kind: str, radius: float, rim: Ring, outwards: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Close a rim in the plane x = 0 towards +x or -x: the points beyond the rim, pole last, and the triangles.
 
     The triangles number the rim first. Rings follow it at the distance that suits its side length, and each has as

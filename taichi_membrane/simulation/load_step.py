@@ -212,11 +212,11 @@ class LoadStep:
         self.records.append(end.record())
         if end.reason == "target":
             return self._land(path, end)
-        if end.upper is None or self.equilibrium.relieved(
-            self.way, end.last.factor
-        ):  # what carries nothing has no limit
+        relieved = self.equilibrium.relieved(self.way, end.last.factor)
+        if relieved or end.upper is None:
             self._pass("lost", end.last.factor)
-            return None
+            self.system.set_displacement(end.last.position)
+            return self._direct() if relieved else None  # what carries nothing has no limit, and foretells nothing
         self._pass("limit" if end.reason == "limit" else "bifurcation", end.last.factor)
         if sum(one.event == "branch" for one in self.trace) >= self.policy.branches:
             self._pass("lost", end.last.factor)
@@ -260,8 +260,7 @@ class LoadStep:
 
     def _within(self, end: PathEnd) -> Rest | None:
         """The aim itself, where it lies inside a limit's bracket and is reached."""
-        assert end.upper is not None
-        if end.upper < 1.0:
+        if end.upper is None or end.upper < 1.0:
             return None
         self.system.set_displacement(end.last.position)
         found = self._solve(1.0)

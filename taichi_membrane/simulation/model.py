@@ -35,7 +35,7 @@ from taichi_membrane.simulation.members import (
     with_member_nodes,
 )
 from taichi_membrane.simulation.results import ProbeFunction
-from taichi_membrane.simulation.supports import PrescribedMotion, held_by_springs, held_components, motions_of
+from taichi_membrane.simulation.supports import PrescribedMotion, held_by_others, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
 from taichi_membrane.simulation.used_data import with_used_data
 from taichi_membrane.simulation.warp import warp_directions
@@ -56,6 +56,8 @@ _SHAPES: dict[str, Callable[..., Mesh]] = {
     "wedge": shapes.wedge,
     "panel": shapes.panel,
     "cushion": shapes.cushion,
+    "arch_tent": shapes.arch_tent,
+    "mattress": shapes.mattress,
 }
 
 
@@ -255,16 +257,17 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     single = held.copy()
     bodies, moved_bodies = bodies_of(scene, mesh, held, frame)
     unit_forces = unit_forces_of(scene, mesh)
-    springs = springs_of(scene, mesh)
+    springs, planes = springs_of(scene, mesh), planes_of(scene, mesh)
     ties = [np.column_stack([one.nodes[:-1], one.nodes[1:]]) for one in bodies]
     ties.append(line_elements(scene, mesh)[0])
     clamps = [meshes.Clamp(int(one.nodes[0]), one.centre, one.held) for one in bodies]
     joined = np.concatenate(ties)
     left = meshes.rigid_motions_left(
-        mesh, *held_by_springs(single, frame, springs), joined if len(joined) else None, clamps
+        mesh, *held_by_others(single, frame, mesh.points, springs, planes), joined if len(joined) else None, clamps
     )
     if left:
-        raise InputError(f"supports: the structure is free to move: {'; '.join(left)}")
+        hint = "; planes hold what touches them at rest" if planes else ""
+        raise InputError(f"supports: the structure is free to move: {'; '.join(left)}{hint}")
     structure = Structure(
         mesh=with_used_data(scene, mesh),
         fabrics=fabrics,
@@ -278,7 +281,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         cables=cables,
         ropes=ropes_of(scene, mesh),
         springs=springs,
-        planes=planes_of(scene, mesh),
+        planes=planes,
         wind=surface.wind,
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),

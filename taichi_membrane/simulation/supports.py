@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,13 @@ from numpy.typing import NDArray
 from scipy import spatial
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.mechanics.preparation import Floats, Ints, Springs
+from taichi_membrane.mechanics.preparation import Floats, Ints, Plane, Springs
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Rotation, Scene, Translation
 from taichi_membrane.simulation.groups import group_nodes
+
+# A gap that is none, as a share of the structure's size.
+_TOUCHING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -56,17 +60,27 @@ def held_components(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats
     return held, frame
 
 
-def held_by_springs(
-    held: NDArray[np.bool_], frame: Floats | None, springs: Springs | None
+def held_by_others(
+    held: NDArray[np.bool_], frame: Floats | None, points: Floats, springs: Springs | None, planes: Sequence[Plane]
 ) -> tuple[NDArray[np.bool_], Floats | None]:
-    """Held components and their axes as if springs to the ground were supports, which rigid motions are stopped by as well."""
-    if springs is None:
+    """Held components and their axes as if springs to the ground were supports, and planes where nodes touch them at rest, which
+    rigid motions are stopped by as well."""
+    nodes: list[Ints] = [np.zeros(0, dtype=np.int32)]
+    directions: list[Floats] = [np.zeros((0, 3))]
+    if springs is not None:
+        nodes.append(springs.nodes)
+        directions.append(springs.direction)
+    for plane in planes:
+        gap = (points[plane.nodes] - plane.through) @ plane.normal
+        nodes.append(plane.nodes[gap <= _TOUCHING * np.ptp(points, axis=0).max()])
+        directions.append(np.tile(plane.normal, (len(nodes[-1]), 1)))
+    found, ways = np.concatenate(nodes), np.concatenate(directions)
+    if not found.size:
         return held, frame
     axes = np.tile(np.eye(3), (len(held), 1, 1)) if frame is None else frame.copy()
     held = held.copy()
-    for node in np.unique(springs.nodes):
-        ways = [*axes[node][held[node]], *springs.direction[springs.nodes == node]]
-        axes[node], held[node] = _spanned(np.array(ways))
+    for node in np.unique(found):
+        axes[node], held[node] = _spanned(np.array([*axes[node][held[node]], *ways[found == node]]))
     return held, axes
 
 

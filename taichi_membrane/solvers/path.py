@@ -24,6 +24,9 @@ _MOST_ITERATIONS, _FEW, _MANY = 14, 4, 9
 _LONGER, _SHORTER = 1.5, 0.7
 # A step is halved this often before the path counts as lost; a residual that grows so much is not going to come back.
 _HALVINGS, _RUNAWAY = 12, 1e3
+# What is still due of a point, over its step. Near a limit a residual within tolerance may be any displacement: at ten times this,
+# or without, a column of 12 sides is lost on points that drift to the branch beside; at a tenth of it nothing changes but the cost.
+_SETTLED = 1e-2
 # Towards a target: the first step as a share of the way, most steps, how closely a limit is bracketed, the step after passing one.
 _FIRST_STEP, _MOST_STEPS, _BRACKET, _REFINE = 0.25, 300, 1e-3, 0.3
 # A point that lies more across the step than along it (45°) may be of another branch, and is looked for nearer: without that, and
@@ -160,12 +163,11 @@ class Path:
             self.apply(factor)
             force = self.newton.free_force()
             residual = self._residual(force, factor)
-            if residual <= self.tolerance:
-                return self._point(position, factor, advance, iteration, residual), iteration
+            balanced = residual <= self.tolerance
             lowest = min(lowest, residual)
             if not np.isfinite(residual) or residual > _RUNAWAY * lowest:
                 break
-            stiffness = self.newton.factorised(indefinite=True)
+            stiffness = self.newton.at_rest() if balanced else self.newton.factorised(indefinite=True)
             if stiffness is None:
                 break
             to_balance, tangent = stiffness.solve(force), self.tangent(stiffness, factor)
@@ -173,7 +175,11 @@ class Path:
             if across == 0.0:
                 break  # the path runs across the step: nothing to correct the load by
             change = -float(np.vdot(advance, to_balance)) / across
-            advance = self.system.composed(advance, to_balance + change * tangent)
+            due = to_balance + change * tangent
+            settled = np.linalg.norm(due) <= _SETTLED * np.linalg.norm(advance) or iteration == _MOST_ITERATIONS
+            if balanced and settled:
+                return self._point(position, factor, advance, iteration, residual), iteration
+            advance = self.system.composed(advance, due)
             factor += change
         return None, iteration
 
@@ -281,6 +287,8 @@ def follow(
         moved = float(np.linalg.norm(point.advance))
         smooth, slack, noise = see(last, point)
         if not (smooth and point.foretold >= _STRAIGHT * moved) and moved > least:
+            if point.foretold <= _VANISHING * least:
+                break
             length = 0.5 * point.foretold
             continue
         if point.negative == 0 and point.factor > highest - noise:
