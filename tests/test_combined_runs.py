@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from rich.console import Console
 from run_files import different, outcome, same
 from scipy.optimize import brentq
 from test_body_scenes import guyed
@@ -16,11 +18,12 @@ from test_members import hanging, rope
 from test_page import content, decode
 
 import taichi_membrane as tm
+from taichi_membrane.commands.printing import print_model
 from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
-from taichi_membrane.simulation.model import build_model
+from taichi_membrane.simulation.model import build_mesh, build_model
 from taichi_membrane.simulation.results import StepResult
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
@@ -234,6 +237,19 @@ def test_a_run_of_all_of_them_goes_on_to_the_last_bit(finished: Path, tmp_path: 
         for one, other in zip(resumed.steps, steps, strict=True):
             assert same(replace(one, seconds=0.0), replace(other, seconds=0.0))
         assert different(outcome(folder), outcome(finished)) == []
+
+
+def test_check_tells_of_anchors_springs_and_shrinkage() -> None:
+    said = io.StringIO()
+    scene = whole()
+    print_model(Console(file=said, width=200), build_model(scene, build_mesh(scene)), [], [])
+    for line in (
+        "anchor      pole: at [4.0, 0.0, 3.0]",
+        "spring      pad: [0.0, 0.0, 0.02] in x, y, z [N/m], at each node of below",
+        "shrinkage   cure: of all, by 0 in warp and 0.1 in weft",
+        "body        plate: cap_end",
+    ):
+        assert line in said.getvalue()
 
 
 def test_forces_of_all_of_them_balance(finished: Path) -> None:

@@ -22,7 +22,7 @@ from taichi_membrane.output.tables import (
     tolerance_text,
     with_unit,
 )
-from taichi_membrane.scene import Cable, Fabric, Scene, Stage
+from taichi_membrane.scene import Cable, Fabric, Scene, Spring, Stage, Units
 from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, stage_values
 from taichi_membrane.scene.element_field import ElementField, given_text
 from taichi_membrane.scene.units import probe_unit
@@ -221,6 +221,9 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
             ("body", f"{name}: {item.group or item.lines}{', held ' if item.told else ''}{item.told}")
             for name, item in scene.bodies.items()
         ),
+        *(("anchor", f"{name}: at {list(place)}") for name, place in scene.anchors.items()),
+        *(("joint", f"{name}: at {list(place)}") for name, place in scene.joints.items()),
+        *(("spring", f"{name}: {_spring_line(item, units)}") for name, item in scene.springs.items()),
         *((kind.name, f"{name}: {kind.words(item)}") for kind in DRIVERS for name, item in kind.defined(scene).items()),
         *(("pressure", line) for line in _potential_lines(model)),
         *(("chamber", line) for line in _chamber_lines(model)),
@@ -271,6 +274,14 @@ def _cable_line(cable: Cable) -> str:
     kind = "sliding cable" if cable.sliding else cable.kind
     parts = f", {cable.parts} parts between two" if cable.parts > 1 else ""
     return f"{kind}, EA {cable.EA:g}, {'from ' if cable.nodes else 'along '}{place}{parts}"
+
+
+def _spring_line(spring: Spring, units: Units) -> str:
+    """What a spring resists, and where."""
+    given, way = spring.stiffness, spring.direction
+    each = f"{list(given)} in x, y, z" if isinstance(given, tuple) else f"{given:g} along {list(way or ())}"
+    bears = "" if spring.kind == "both" else f", {spring.kind} only"
+    return f"{each} [{units.force}/{units.length}]{bears}, at each node of {spring.group}"
 
 
 def _counts(groups: Mapping[str, Sized]) -> str:
