@@ -28,6 +28,7 @@ from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import WrinklingLaw
 
 PressureKind = Literal["none", "uniform", "by_chamber", "by_side"]
+OffsetPlace = Literal["none", "by_fabric", "by_element"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ class Features:
 
     ``pressure``: ``none``, ``uniform`` (one value on all triangles), ``by_chamber`` (a chamber number per triangle) or ``by_side``
     (one for each side of a triangle).
-    ``several_fabrics``: a fabric number per triangle. ``prestress``: a strain offset per fabric. ``loads``: a load vector per node.
+    ``several_fabrics``: a fabric number per triangle. ``prestress``: a strain offset, ``offset`` says whether for each fabric or
+    each triangle. ``loads``: a load vector per node.
     ``wind``: a pressure per triangle beside those of chambers. ``snow``: a load per plan area of each triangle.
     ``water``: how many liquids.
     ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``ropes``: cables that
@@ -56,6 +58,7 @@ class Features:
     variants: tuple[Variant, ...]
     several_fabrics: bool
     prestress: bool
+    offset: OffsetPlace
     pressure: PressureKind
     wind: bool
     snow: bool
@@ -78,6 +81,7 @@ class Features:
             "Green side strain": any(variant.green for variant in self.variants),
             "several fabrics": self.several_fabrics,
             "prestress": self.prestress,
+            "prestress by element": self.offset == "by_element",
             "follower pressure": self.pressure != "none",
             "several pressures": self.pressure in ("by_chamber", "by_side"),
             "pressure on both sides": self.pressure == "by_side",
@@ -112,6 +116,7 @@ class Structure:
     :param tri_ahead: (tri_count,) number of the chamber before each triangle, whose pressure acts against its normal; -1 for none.
         None where all are -1.
     :param wind: (tri_count, n) pressure along each triangle's normal at value 1 of each wind.
+    :param tri_prestress: (tri_count, 3) stress at zero strain in fabric axes (warp, weft, shear), where it differs within a fabric.
     """
 
     mesh: Mesh
@@ -131,6 +136,7 @@ class Structure:
     snow: PlanLoads | None = None
     water: tuple[Water, ...] = ()
     bodies: tuple[Body, ...] = ()
+    tri_prestress: Floats | None = None
 
     @property
     def points(self) -> Floats:
@@ -152,6 +158,18 @@ class Structure:
     def pressure_count(self) -> int:
         """Number of pressures: those of chambers, and winds."""
         return self.chamber_count + (0 if self.wind is None else self.wind.shape[1])
+
+    @cached_property
+    def thickness(self) -> Floats:
+        """(tri_count,) thickness at rest."""
+        return np.array([one.thickness for one in self.fabrics])[self.tri_fabric]
+
+    @property
+    def prestress(self) -> Floats:
+        """(tri_count, 3) stress at zero strain, in fabric axes."""
+        if self.tri_prestress is not None:
+            return self.tri_prestress
+        return np.array([one.prestress for one in self.fabrics])[self.tri_fabric]
 
     @property
     def snow_values(self) -> slice:
@@ -279,10 +297,13 @@ class Structure:
             pressure = "none"
         else:
             pressure = "uniform" if np.all(self.tri_chamber == 0) else "by_chamber"
+        prestress = self.tri_prestress is not None or any(any(fabric.prestress) for fabric in used)
+        by_fabric: OffsetPlace = "by_fabric" if prestress else "none"
         return Features(
             variants=variants,
             several_fabrics=len(self.fabrics) > 1,
-            prestress=any(any(fabric.prestress) for fabric in used),
+            prestress=prestress,
+            offset="by_element" if self.tri_prestress is not None else by_fabric,
             pressure=pressure,
             wind=self.wind is not None,
             snow=self.snow is not None,

@@ -234,8 +234,8 @@ class System(Nodes):
     def prestress_norm(self) -> float:
         """Size of the nodal forces that prestress balances, a scale for residuals where no load acts."""
         structure = self.structure
-        level = np.array([np.linalg.norm(one.prestress) * one.thickness for one in structure.fabrics])
-        squared = (level[structure.tri_fabric] ** 2 * self.geometry.area).sum()
+        level = np.linalg.norm(structure.prestress, axis=1) * structure.thickness
+        squared = (level**2 * self.geometry.area).sum()
         if structure.cables is not None:
             squared += (structure.cables.prestress**2).sum()
         if structure.ropes is not None:

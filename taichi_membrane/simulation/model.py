@@ -65,6 +65,7 @@ class Model:
     :param moved_bodies: rigid bodies of which a motion prescribes something.
     :param unit_moments: (bodies, 3) moments about fixed axes at value 1 of each driver that has some.
     :param own_probes: what is measured at every load step beside the scene's probes, by name.
+    :param given: the mesh before form finding, where the structure's is the shape found.
     """
 
     scene: Scene
@@ -76,6 +77,7 @@ class Model:
     moved_bodies: tuple[PrescribedBody, ...] = ()
     unit_moments: Mapping[str, Floats] = field(default_factory=dict)
     own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
+    given: Mesh | None = None
 
     def fabric_names(self) -> list[tuple[str, Fabric]]:
         """The scene's fabrics with the element group of each, in the order of the structure's fabric numbers."""
@@ -270,6 +272,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),
         bodies=bodies,
+        tri_prestress=np.array([one.prestress for one in fabrics])[tri_fabric] if scene.forms else None,
     )
     for name in surface.volumes:
         if rim_moves(structure, surface.waters[name]):
