@@ -154,11 +154,30 @@ def _beyond_densities(model: Model) -> sparse.csr_matrix:
         density = cables.prestress[by_force] / length
         pair = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 6)
         total = total - _scattered(density[:, None, None] * row[:, :, None] * row[:, None, :], pair, size)
-    frame = structure.node_frame
-    if frame is None:
-        return total
-    turn = sparse.block_diag(list(frame), format="csr")
-    return sparse.csr_matrix(turn @ total @ turn.T)
+    freedoms = _freedoms(structure)
+    return sparse.csr_matrix(freedoms.T @ total @ freedoms)
+
+
+def _freedoms(structure: Structure) -> sparse.csr_matrix:
+    """(3 · node_count, 3 · node_count) displacements of nodes for their freedoms: along supports' axes, and with rigid bodies."""
+    count = structure.node_count
+    frame = np.tile(np.eye(3), (count, 1, 1)) if structure.node_frame is None else structure.node_frame
+    turn = sparse.csr_matrix(sparse.block_diag(list(frame.transpose(0, 2, 1))))
+    if not structure.bodies:
+        return turn
+    blocks, rows, columns = [], [], []
+    rest = np.flatnonzero(~structure.node_in_body)
+    blocks.append(np.tile(np.eye(3), (len(rest), 1, 1)).ravel())
+    rows.append(np.repeat(3 * rest[:, None] + np.arange(3), 3, axis=1).ravel())
+    columns.append(np.tile(3 * rest[:, None] + np.arange(3), (1, 3)).ravel())
+    for body in structure.bodies:
+        first, second = body.carriers
+        carried = np.concatenate([3 * first + np.arange(3), 3 * second + np.arange(3)])
+        blocks.append(body.map_at(np.zeros((count, 3))).ravel())
+        rows.append(np.repeat(3 * body.nodes[:, None] + np.arange(3), 6, axis=1).ravel())
+        columns.append(np.tile(carried, 3 * len(body.nodes)))
+    data = np.concatenate(blocks), (np.concatenate(rows), np.concatenate(columns))
+    return sparse.csr_matrix(turn @ sparse.csr_matrix(data, shape=(3 * count, 3 * count)))
 
 
 def _scattered(blocks: Floats, freedom: NDArray[np.int64], size: int) -> sparse.csr_matrix:
