@@ -172,6 +172,17 @@ class Structure:
         return np.array([one.prestress for one in self.fabrics])[self.tri_fabric]
 
     @property
+    def prestrain(self) -> Floats:
+        """(n, 3) the strain whose elastic answer is the prestress, so that the wrinkling laws need not know of it.
+
+        Of each fabric, or of each triangle where it differs within a fabric.
+        """
+        compliance = np.array([one.compliance() for one in self.fabrics])
+        if self.tri_prestress is None:
+            return np.array([own @ one.prestress for own, one in zip(compliance, self.fabrics, strict=True)])
+        return np.asarray(np.einsum("iab,ib->ia", compliance[self.tri_fabric], self.tri_prestress))
+
+    @property
     def snow_values(self) -> slice:
         """Where the loads per plan area stand among the values of all loads on the surface."""
         return slice(self.pressure_count, self.pressure_count + (0 if self.snow is None else self.snow.share.shape[1]))

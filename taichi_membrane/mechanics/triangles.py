@@ -37,10 +37,8 @@ class Triangles:
             self.tri_fabric = ti.field(ti.i32, shape=triangles)
         if len(features.variants) > 1:
             self.fabric_variant = ti.field(ti.i32, shape=fabrics)
-        if features.offset == "by_fabric":
-            self.fabric_prestrain = ti.Vector.field(3, fp, shape=fabrics)
-        if features.offset == "by_element":
-            self.tri_prestrain = ti.Vector.field(3, fp, shape=triangles)
+        if features.prestress:
+            self.prestrain = ti.Vector.field(3, fp, shape=triangles if features.offset == "by_element" else fabrics)
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure of the same features fits these fields."""
@@ -69,14 +67,8 @@ class Triangles:
         if len(features.variants) > 1:
             numbers = [_variant_number(features, one) for one in structure.fabrics]
             fill(self.fabric_variant, np.array(numbers, dtype=np.int32))
-        # A prestress is the elastic answer to a strain offset, so the wrinkling laws need not know of it.
-        compliance = np.array([one.compliance() for one in structure.fabrics])
-        if features.offset == "by_fabric":
-            offsets = [own @ np.array(one.prestress) for own, one in zip(compliance, structure.fabrics, strict=True)]
-            fill(self.fabric_prestrain, np.array(offsets, dtype=dtype))
-        if features.offset == "by_element":
-            strains = np.einsum("iab,ib->ia", compliance[structure.tri_fabric], structure.prestress)
-            fill(self.tri_prestrain, strains.astype(dtype))
+        if features.prestress:
+            fill(self.prestrain, structure.prestrain.astype(dtype))
 
     @ti.kernel
     def _write(
@@ -146,10 +138,8 @@ class Triangles:
                 rest[a, :], stretch[a, :], rest_length[a], variant.green
             )
         strain = self.tri_strain_matrix[t] @ extension
-        if ti.static(self.features.offset == "by_fabric"):
-            strain += self.fabric_prestrain[k]
-        if ti.static(self.features.offset == "by_element"):
-            strain += self.tri_prestrain[t]
+        if ti.static(self.features.prestress):
+            strain += self.prestrain[t if ti.static(self.features.offset == "by_element") else k]
         return strain, length, factor
 
     @ti.func

@@ -39,8 +39,12 @@ _SOFT = 1e-3
 _ROUNDS = 300
 # An element that has shrunk to this share of its area in the mesh, against the mean, is taken for one of a neck that closes.
 _CLOSED = 1e-2
+# A surface that is so many times as large as in the mesh is one that its pressure drives on.
+_GROWN = 30.0
 _STRESS_TOLERANCE = 0.02
 _SETTLINGS = 3
+# How far above the tolerance rounds alone may end: as nodes drift within the surface they pull at it.
+_DRIFT = 10.0
 # Residual below which Newton's method is tried.
 _NEAR = 0.1
 _UNSTABLE = (
@@ -123,7 +127,8 @@ class Forming:
             if report is not None:
                 report(Progress(iteration=number, residual=residual, seconds=0.0))
             bold = bold or residual < before
-            near = residual <= self.equilibrium.tolerance
+            drifting = 1.0 if self.equilibrium.newton is not None else _DRIFT
+            near = residual <= drifting * self.equilibrium.tolerance
             negative, step = self._newton(space, force) if near or (bold and residual < _NEAR) else (None, None)
             if near:
                 return points, residual, _UNSTABLE.format(negative) if negative else ""
@@ -228,13 +233,19 @@ class Forming:
 
 
 def _closed(structure: Structure, first: Floats, points: Floats) -> str:
-    """What a surface tells that closes up: where, and how far it has shrunk; empty where none does.
+    """What a surface tells that closes up, where, and how far it has shrunk, or that grows on; empty where it does neither.
 
     :param first: (tri_count,) areas in the given mesh.
     """
     corners = points[structure.mesh.triangles]
     double = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * np.linalg.norm(double, axis=1)
+    growth = area.sum() / first.sum()
+    if growth > _GROWN:
+        return (
+            f"no surface of this stress holds these loads: it grows on, to {growth:.3g} times its area in the mesh (a pressure "
+            "above the largest that it bears)"
+        )
     share = area / area.mean() * first.mean() / first
     worst = int(share.argmin())
     if share[worst] >= _CLOSED:
