@@ -324,6 +324,7 @@ def _stage_line(scene: Scene, stage: Stage) -> str:
     aims = [
         f"{name.replace('.', ' ')} to {with_unit(value, driver_unit(scene, name))}" for name, value in asked.items()
     ]
+    aims += ["finds the rest shape"] if stage.kind == "form_find" else []
     aims += ["by arc length"] if stage.control == "arc_length" else []
     aims += [f"until {stage.until.replace('_', ' ')}"] if stage.until != "target" else []
     aims += [f"valve shut: {', '.join(stage.closed)}"] if stage.closed else []

@@ -108,7 +108,12 @@ def resume(
             saved = read_run(Path(directory))
             if not saved.complete:
                 _refuse_other_probes(saved, probes or {})
-            model = build_model(saved.scene, saved.mesh, probes)
+            model = build_model(saved.scene, saved.given, probes)
+            if saved.scene.forms and saved.steps:
+                from taichi_membrane.simulation import rest_shape
+
+                fields = saved.steps[0].fields
+                model = rest_shape.found(model, saved.mesh.points, fields["stress"], fields["cable_force"])
         clock.observer.kept(saved.steps)
         if saved.complete:
             return _result(saved)
@@ -173,11 +178,11 @@ def _carry_out(
         observer.phase("solving")
         steps = work.steps(clock.progress, done=result.steps)
         while (step := clock.timed("solve", lambda: next(steps, None))) is not None:
-            result = replace(result, steps=(*result.steps, step))
+            result = replace(result, steps=(*result.steps, step), mesh=work.model.structure.mesh)
             observer.step_done(step)
             if writer is not None:
                 with clock.phase("output"):
-                    for path in writer.write_step(step, clock.seconds):
+                    for path in writer.write_step(step, clock.seconds, result.mesh):
                         observer.wrote(path)
     except InputError:
         raise  # a file that cannot be written, so nothing more is
@@ -200,7 +205,7 @@ def _writer(
     return Writer(
         Path(out),
         model.scene,
-        structure.mesh,
+        model.given or structure.mesh,
         settings=settings,
         provenance=provenance,
         tri_fabric=structure.tri_fabric.astype(np.int32),

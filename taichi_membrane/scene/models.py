@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from taichi_membrane import fields
-from taichi_membrane.scene import drivers, valves
+from taichi_membrane.scene import drivers, forming, valves
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record, Vector
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.element_field import ElementField
@@ -172,6 +172,7 @@ class Scene(Record):
         names = [stage.name for stage in self.stages]
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
+        forming.check(self)
         valves.check(self)
         for stage in self.stages:
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
@@ -306,6 +307,11 @@ class Scene(Record):
                 raise ValueError(f"planes: contact {told}")
             if self.modes is not None and self.modes.kind == "vibration":
                 raise ValueError(f"modes.kind = 'vibration' {told}, which have no masses")
+
+    @property
+    def forms(self) -> bool:
+        """Whether the rest shape is found by the first stage."""
+        return self.stages[0].kind == "form_find"
 
     @property
     def holding(self) -> list[tuple[str, str]]:

@@ -20,6 +20,17 @@ class DisplacementProbe(Record):
     """Along an axis, or its magnitude."""
 
 
+class PositionProbe(Record):
+    """Mean place of a node group, along an axis."""
+
+    kind: Literal["position"]
+    """Mean place [length]."""
+    group: GroupName
+    """Node group."""
+    component: Component
+    """Along an axis."""
+
+
 class ReactionProbe(Record):
     """Sum of the support forces on a node group."""
 
@@ -172,6 +183,7 @@ class BodyProbe(Record):
 
 Probe = Annotated[
     DisplacementProbe
+    | PositionProbe
     | ReactionProbe
     | MomentProbe
     | RotationProbe

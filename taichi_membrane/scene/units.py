@@ -19,6 +19,7 @@ def probe_unit(scene: Scene, name: str) -> str:
     kind = probe.of if isinstance(probe, BodyProbe) else probe.kind
     return {
         "displacement": units.length,
+        "position": units.length,
         "radius": units.length,
         "reaction": units.force,
         "force": units.force,

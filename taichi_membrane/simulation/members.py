@@ -165,6 +165,10 @@ def cable_elements(name: str, cable: Cable, mesh: Mesh) -> tuple[Ints, Floats]:
     if short.size:
         first, second = pairs[short[0]].tolist()
         raise InputError(f"cables.{name}: nodes {first} and {second} lie at one place, {short.size} such pairs in all")
+    if cable.force is not None:
+        return pairs, distance / (1.0 + cable.force / cable.EA)
+    if cable.force_density is not None:
+        return pairs, distance / (1.0 + cable.force_density * distance / cable.EA)
     ratio = (cable.unstressed or 1.0) if cable.length is None else cable.length / distance.sum()
     return pairs, ratio * distance
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -74,6 +74,7 @@ class Model:
     :param moved_bodies: rigid bodies of which a motion prescribes something.
     :param unit_moments: (bodies, 3) moments about fixed axes at value 1 of each driver that has some.
     :param own_probes: what is measured at every load step beside the scene's probes, by name.
+    :param given: the mesh before form finding, where the structure's is the shape found.
     """
 
     scene: Scene
@@ -86,6 +87,7 @@ class Model:
     moved_bodies: tuple[PrescribedBody, ...] = ()
     unit_moments: Mapping[str, Floats] = field(default_factory=dict)
     own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
+    given: Mesh | None = None
 
     def fabric_names(self) -> list[tuple[str, Fabric]]:
         """The scene's fabrics with the element group of each, in the order of the structure's fabric numbers."""
@@ -287,7 +289,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         water=tuple(surface.waters.values()),
         bodies=bodies,
         tri_thickness=thickness_of(scene, mesh, tri_fabric),
-        tri_prestress=prestress_of(scene, mesh, tri_fabric),
+        tri_prestress=_prestress(scene, mesh, tri_fabric, fabrics),
         growth=growth.array,
     )
     for name in surface.volumes:
@@ -308,6 +310,16 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         unit_moments=moments_of(scene, bodies),
         own_probes=dict(own_probes or {}),
     )
+
+
+def _prestress(
+    scene: Scene, mesh: Mesh, tri_fabric: Ints, fabrics: Sequence[preparation.FabricConstants]
+) -> Floats | None:
+    """(tri_count, 3) prestress where it differs, or will, within a fabric: form finding gives each element its own."""
+    given = prestress_of(scene, mesh, tri_fabric)
+    if given is None and scene.forms:
+        return np.array([one.prestress for one in fabrics])[tri_fabric]
+    return given
 
 
 def _check_memory(scene: Scene, mesh: Mesh) -> None:

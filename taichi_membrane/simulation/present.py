@@ -94,15 +94,8 @@ class Present:
         Side a with its vector s and force density q (its force over its length) bears q s⊗s of virtual work per virtual strain, so
         that N = Σ q s⊗s / A, A the deformed area: for Green's side strain t F S Fᵀ/J, t the thickness at rest.
         """
-        structure, mesh, geometry = self.structure, self.structure.mesh, self.structure.geometry
-        corners = (mesh.points + self.displacement)[mesh.triangles]
-        side = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+        side, density = side_forces(self.structure, self.displacement, self.elements.stress)
         length = np.linalg.norm(side, axis=2)
-        green = structure.green
-        volume = geometry.area * structure.thickness
-        natural = volume[:, None] * np.einsum("iba,ib->ia", geometry.strain_matrix, self.elements.stress)
-        reach = np.where(green[:, None], geometry.side_length, length)
-        density = np.divide(natural, reach, out=np.zeros_like(natural), where=reach > 0.0)
         normal = np.cross(side[:, 0], side[:, 1])
         double_area = np.linalg.norm(normal, axis=1)
         flat = double_area > 0.0  # one without area bears nothing
@@ -112,6 +105,22 @@ class Present:
         scale = np.where(flat, 2.0 / np.where(flat, double_area, 1.0), 0.0)
         parts = (scale * (density * one * other).sum(axis=1) for one, other in ((x, x), (y, y), (x, y)))
         return _principal_values(*parts)
+
+
+def side_forces(structure: Structure, displacement: Floats, stress: Floats) -> tuple[Floats, Floats]:
+    """(m, 3, 3) vectors of the deformed sides, and (m, 3) the force densities (force over length) along them.
+
+    :param stress: (m, 3) second Piola–Kirchhoff stress in fabric axes.
+    """
+    mesh, geometry = structure.mesh, structure.geometry
+    corners = (mesh.points + displacement)[mesh.triangles]
+    side = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    length = np.linalg.norm(side, axis=2)
+    green = structure.green
+    volume = geometry.area * structure.thickness
+    natural = volume[:, None] * np.einsum("iba,ib->ia", geometry.strain_matrix, stress)
+    reach = np.where(green[:, None], geometry.side_length, length)
+    return side, np.divide(natural, reach, out=np.zeros_like(natural), where=reach > 0.0)
 
 
 def _principal_values(first: Floats, second: Floats, shear: Floats) -> tuple[Floats, Floats]:

@@ -99,6 +99,10 @@ def evaluate(model: Model, fields: FieldValues, swept: Floats, state: LoadState)
         elif isinstance(probe, scenes.DisplacementProbe):
             mean = displacement[group_nodes(mesh, probe.group, key)].mean(axis=0)
             values[name] = _component(mean, probe.component)
+        elif isinstance(probe, scenes.PositionProbe):
+            values[name] = _pick(
+                (mesh.points + displacement)[group_nodes(mesh, probe.group, key)].mean(axis=0), probe.component
+            )
         elif isinstance(probe, scenes.ReactionProbe):
             values[name] = _pick(reaction[group_nodes(mesh, probe.group, key)].sum(axis=0), probe.component)
         elif isinstance(probe, scenes.MomentProbe):
