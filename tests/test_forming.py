@@ -17,8 +17,11 @@ from taichi_membrane.execution.run import read_result, resume, run
 from taichi_membrane.mesh import Mesh, placed
 from taichi_membrane.scene import Scene
 from taichi_membrane.shapes.rings import wall_triangles
-from taichi_membrane.simulation.model import build_mesh, build_model
+from taichi_membrane.simulation import rest_shape
+from taichi_membrane.simulation.analysis import Analysis
+from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
 from taichi_membrane.simulation.results import RunResult
+from taichi_membrane.simulation.shape_space import ShapeSpace
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
@@ -148,6 +151,49 @@ def test_edge_cables_of_a_flat_sail_are_circular_arcs_of_radius_force_over_stres
         assert math.sqrt(fit[2] + fit[0] ** 2 + fit[1] ** 2) == pytest.approx(force, rel=1e-3)
     assert result.steps[0].cable_forces == pytest.approx(np.repeat([30.0, 27.0, 36.0], 8), rel=1e-4)
     assert np.abs(result.steps[1].displacement).max() < 1e-8
+
+
+@pytest.mark.parametrize(("side_strain", "rigid"), [("green", False), ("engineering", False), ("green", True)])
+def test_the_stiffness_of_a_shape_is_that_of_its_forces_by_differences(side_strain: str, rigid: bool) -> None:
+    """Forces of the given stress and cable forces where nodes are moved, on a curved sail, with one edge held or a rigid body.
+
+    Rotations do not commute: away from balance the differences of a body's moment have a skew part, and the stiffness has none.
+    """
+    mesh = sail(4)
+    x, y = mesh.points[:, 0], mesh.points[:, 1]
+    mesh = placed(mesh, np.column_stack([x, y, 0.3 * np.sin(x) * np.cos(y)]))
+    cables = {name: one for name, one in SAIL["cables"].items() if name != "b"}
+    scene = a_scene(
+        fabric=FABRIC | {"side_strain": side_strain},
+        cables=cables,
+        bodies={"edge": {"group": "b", "hold": "xyz"}} if rigid else {},
+        supports=[
+            {"group": "far", "hold": "xyz"},
+            {"group": "low", "hold": "z"},
+            *([] if rigid else [{"group": "b", "hold": "xyz"}]),
+        ],
+        groups={"far": {"where": "x > 9.9"}, "low": {"where": "x > 4.9 and x < 5.1 and y < 0.1"}},
+    )
+    model = build_model(scene, with_scene_groups(scene, mesh))
+    here = rest_shape.soft(rest_shape.asked(model, mesh.points), 1e-9)
+    work = Analysis(here)
+    space = ShapeSpace.of(here)
+    assert work.newton is not None
+    stiffness = space.stiffness(work.newton.tangent.matrix())
+    rng = np.random.default_rng(3)
+    direction = rng.standard_normal(stiffness.shape[0])
+    step, forces = 1e-5, []
+    for sign in (1.0, -1.0):
+        moved = (space.basis @ (sign * step * direction)).reshape(-1, 3)
+        places = mesh.points + work.system.retract(np.zeros_like(mesh.points), moved)
+        assert work.take(rest_shape.soft(rest_shape.asked(model, places), 1e-9))
+        forces.append(space.components(np.where(here.structure.node_held, 0.0, work.system.balance())))
+        assert work.take(here)
+    measured = (forces[1] - forces[0]) / (2.0 * step)
+    error = stiffness @ direction - measured
+    assert abs(direction @ error) < 1e-7 * abs(direction @ measured)
+    if not rigid:
+        assert np.linalg.norm(error) < 1e-7 * np.linalg.norm(measured)
 
 
 def test_a_net_of_force_densities_is_the_solution_of_its_linear_system() -> None:
