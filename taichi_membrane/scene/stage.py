@@ -34,6 +34,8 @@ class Stage(Record):
     """Factor of each load at the stage's end; what is not named keeps its value."""
     motions: dict[Name, Finite] = {}
     """Factor of each motion at the stage's end."""
+    obstacles: dict[Name, Finite] = {}
+    """Factor of the motion of each obstacle at the stage's end, on its ``direction``."""
     control: Literal["load", "arc_length"] = "load"
     """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""
     until: Literal["target", "collapse", "collapse_or_target", "steps"] = "target"

@@ -101,11 +101,12 @@ class Equilibrium:
         self.press(state)
 
     def press(self, state: LoadState) -> None:
-        """Set pressures and loads."""
+        """Set pressures, loads and the places of obstacles."""
         self.system.set_surface_loads(self.model.surface_values(state))
         self.system.set_loads(self.model.nodal_loads(state))
         for rigid in self.system.rigid:
             rigid.set_moments(self.model.body_moments(state))
+        self.system.place_obstacles(state.obstacles)
         self.filling.press(state)
 
     def shut(self, stage: Stage, let_out: Mapping[str, float] | None = None) -> None:
@@ -250,7 +251,7 @@ class Equilibrium:
         applied = self._applied(state)
         if applied > 0.0:
             return applied
-        if any(state.motions.values()):
+        if any((*state.motions.values(), *state.obstacles.values())):
             return self._reactions()
         targets = stage_targets(self.model.scene)
         return max(self.model.reference_load(one) for one in targets) or 1.0

@@ -26,12 +26,12 @@ from taichi_membrane.simulation.load_state import LoadState, unloaded
 from taichi_membrane.simulation.members import (
     cables_of,
     line_elements,
-    planes_of,
     ropes_of,
     springs_of,
     with_cable_nodes,
     with_member_nodes,
 )
+from taichi_membrane.simulation.obstacles import obstacles_of
 from taichi_membrane.simulation.results import ProbeFunction
 from taichi_membrane.simulation.supports import PrescribedMotion, held_by_springs, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
@@ -265,7 +265,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         cables=cables,
         ropes=ropes_of(scene, mesh),
         springs=springs,
-        planes=planes_of(scene, mesh),
+        obstacles=obstacles_of(scene, mesh),
         wind=surface.wind,
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),

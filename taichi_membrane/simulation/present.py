@@ -13,6 +13,7 @@ from taichi_membrane import fields
 from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mesh import Mesh
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,6 +22,7 @@ class Present:
 
     :param displacement: (n, 3).
     :param reaction: (n, 3) support forces.
+    :param contact_force: (n, 3) forces of planes and obstacles.
     :param elements: state of every triangle.
     :param cable_force: force of every straight piece of a cable.
     """
@@ -29,6 +31,7 @@ class Present:
     displacement: Floats
     reaction: Floats
     elements: ElementState
+    contact_force: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     cable_force: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __getattr__(self, name: str) -> Any:
@@ -40,6 +43,15 @@ class Present:
     def fields(self) -> dict[str, NDArray[Any]]:
         """The values of all fields, by name."""
         return {one.name: one.of(self) for one in fields.FIELDS}
+
+    @property
+    def contact_pressure(self) -> Floats:
+        """(n,) contact force over the node's area, a third of each deformed element around it."""
+        size = np.linalg.norm(self.contact_force, axis=1)
+        if not size.any():
+            return size
+        area = node_area(self.structure.mesh, self.displacement)
+        return np.divide(size, area, out=np.zeros_like(size), where=(size > 0.0) & (area > 0.0))
 
     @property
     def major_stress(self) -> Floats:
@@ -110,6 +122,14 @@ class Present:
         scale = np.where(flat, 2.0 / np.where(flat, double_area, 1.0), 0.0)
         parts = (scale * (density * one * other).sum(axis=1) for one, other in ((x, x), (y, y), (x, y)))
         return _principal_values(*parts)
+
+
+def node_area(mesh: Mesh, displacement: Floats) -> Floats:
+    """(n,) area of each node: a third of each deformed element around it."""
+    corners = (mesh.points + displacement)[mesh.triangles]
+    directed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    share = np.repeat(np.linalg.norm(directed, axis=1) / 6.0, 3)
+    return np.bincount(mesh.triangles.ravel(), weights=share, minlength=mesh.node_count)
 
 
 def _principal_values(first: Floats, second: Floats, shear: Floats) -> tuple[Floats, Floats]:
