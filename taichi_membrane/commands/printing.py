@@ -80,7 +80,9 @@ def balance_lines(result: RunResult) -> list[str]:
     unit = result.scene.units.force
     return [
         f"of forces at the end of {stage}: "
-        + ", ".join(f"{name} ({', '.join(f'{part:.4g}' for part in vector)}) {unit}" for name, vector in step.balance.items())
+        + ", ".join(
+            f"{name} ({', '.join(f'{part:.4g}' for part in vector)}) {unit}" for name, vector in step.balance.items()
+        )
         + f"; together {step.imbalance:.1e} of the largest"
         for stage, step in ends.items()
     ]

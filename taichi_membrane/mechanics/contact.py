@@ -49,7 +49,7 @@ class ContactTerm:
         self.set(self.stiffness, self.multiplier)
 
     def settle(self, points: Floats, offset: Floats) -> Floats:
-        """(node_count,) gaps at rest of an obstacle moved by ``offset``, as far as the kind uses them; writes what it needs of it."""
+        """(node_count,) gaps at rest of an obstacle moved by ``offset``, as far as its kind uses them."""
         raise NotImplementedError
 
     def set(self, stiffness: Floats, multiplier: Floats) -> None:
@@ -82,7 +82,9 @@ class ContactTerm:
         """Its potential; zero where there is no stiffness."""
         gap, _normal, _curvature = self.distance(i)
         stiffness = self.node_contact[i][1]
-        return ti.select(stiffness > 0.0, 0.5 * self.push(i, gap) ** 2 / ti.max(stiffness, 1e-30), ti.cast(0.0, self.fp))
+        return ti.select(
+            stiffness > 0.0, 0.5 * self.push(i, gap) ** 2 / ti.max(stiffness, 1e-30), ti.cast(0.0, self.fp)
+        )
 
     @ti.func
     def bound(self, i):

@@ -1,7 +1,7 @@
 """A rigid triangulated surface, and a grid that tells which of its triangles can be the nearest ones.
 
-Pseudo-normals tell the side of what is nearest to an edge or a corner (J. A. Baerentzen and H. Aanaes, IEEE Trans. Vis. Comput.
-Graph. 11, 2005): the sum of the normals at an edge, at a corner the sum weighted by the angles there.
+Pseudo-normals tell the side of what is nearest to an edge or a corner (J. A. Baerentzen and H. Aanaes, IEEE Trans. Vis.
+Comput. Graph. 11, 2005): the sum of the normals at an edge, at a corner the sum weighted by the angles there.
 
 The grid is made once, as obstacles move without turning: each of its cells lists every triangle that is nearest to some point of it.
 """
@@ -94,7 +94,7 @@ class Facets:
         middles = self.corners.mean(axis=1)
         radius = float(np.linalg.norm(self.corners - middles[:, None], axis=2).max())
         tree = cKDTree(middles)
-        nearest = tree.query(centres)[0]
+        nearest = np.asarray(tree.query(centres)[0])
         cells, triangles = [], []
         lists = tree.query_ball_point(centres, nearest + reach + radius, return_length=True)
         ends = np.cumsum(lists)

@@ -1,8 +1,9 @@
 """A triangulated surface that nodes touch: the signed distance from its nearest point, on the device at every evaluation.
 
-The nearest point lies on a face, where g is the distance from its plane; on an edge, with the curvature 1/d across it; or at a corner,
-with 1/d all around; d is the distance from that point. Triangles that can be the nearest are listed by place (:mod:`facets`).
-Beyond the rim of an open surface g > 0 on both sides: nothing is held up there. Away from the grid distances may come out too large.
+The nearest point lies on a face, where g is the distance from its plane; on an edge, with the curvature 1/d across it; or at a
+corner, with 1/d all around; d is the distance from that point. Triangles that can be the nearest are listed by place
+(:mod:`facets`). Beyond the rim of an open surface g > 0 on both sides: nothing is held up there. Away from the grid distances may
+come out too large.
 """
 
 import numpy as np

@@ -20,8 +20,8 @@ from taichi_membrane.mechanics.snow import Snow
 from taichi_membrane.mechanics.springs import SpringTerm
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm, Term
-from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
 from taichi_membrane.mechanics.touching import Touching, contact_terms
+from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
 from taichi_membrane.mechanics.water import WaterTerm
 
 
@@ -207,7 +207,11 @@ class System(Nodes):
             self.displacement(),
             self.surface_loads(),
             *([self.loads] if self.rigid and self.features.loads else []),
-            *(array for one in self.contacts for array in (one.rest_gap, one.stiffness, one.multiplier, np.array(one.value))),
+            *(
+                array
+                for one in self.contacts
+                for array in (one.rest_gap, one.stiffness, one.multiplier, np.array(one.value))
+            ),
         )
 
     # ---- contact

@@ -164,7 +164,7 @@ class Tangent:
         own = blocks[elimination.node_block]
         stiff = np.abs(own).max(axis=(1, 2), initial=0.0)
         blocks[elimination.node_block] = left @ own @ left + np.where(stiff > 0.0, stiff, 1.0)[:, None, None] * held
-        touched = held.any(axis=(1, 2))
+        touched = np.abs(held).max(axis=(1, 2)) > 0.0
         column, row = elimination.edge_node.T
         some = np.flatnonzero(touched[row] | touched[column])
         numbers = elimination.edge_block[some]

@@ -271,7 +271,7 @@ def _step(directory: Path, mesh: Mesh, cable_count: int, record: dict[str, Any])
         state=_state(record, fields["displacement"], per_node),
         contact_forces=_numbers(record["contact_forces"]),
         relieved=_numbers(record["relieved"]),
-        balance={name: tuple(map(_number, vector)) for name, vector in record["balance"].items()},
+        balance={name: (_number(x), _number(y), _number(z)) for name, (x, y, z) in record["balance"].items()},
         imbalance=_number(record["imbalance"]),
     )
 

@@ -20,7 +20,15 @@ from taichi_membrane.scene.loads import AnyLoad, BodyLoad, Pressure, SnowLoad, W
 from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.obstacles import Obstacle
-from taichi_membrane.scene.probe import AbsoluteProbe, BodyProbe, CableProbe, ContactProbe, FactorProbe, LevelProbe, Probe
+from taichi_membrane.scene.probe import (
+    AbsoluteProbe,
+    BodyProbe,
+    CableProbe,
+    ContactProbe,
+    FactorProbe,
+    LevelProbe,
+    Probe,
+)
 from taichi_membrane.scene.solver import Modes, Solver
 from taichi_membrane.scene.stage import Stage
 from taichi_membrane.scene.support import Body, BodyRotation, BodyTranslation, Motion, Support

@@ -13,31 +13,30 @@ _MOST_FACETS = 200_000
 _ALONG = 1e-6  # how far two axes may be off the right angle
 
 
-class _Obstacle(Record):
-    """What all kinds have."""
-
-    group: GroupName = "all"
-    """Nodes that it holds up; ``all`` is every node."""
-    direction: Direction | None = None
-    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
-
-
-class PlaneObstacle(_Obstacle):
+class PlaneObstacle(Record):
     """A rigid plane that a stage may move."""
 
     kind: Literal["plane"]
     """A plane."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
     through: Vector
     """A point of it."""
     normal: Direction
     """Direction of its normal, to the side where the structure is."""
 
 
-class SphereObstacle(_Obstacle):
+class SphereObstacle(Record):
     """A rigid sphere, solid or hollow."""
 
     kind: Literal["sphere"]
     """A sphere."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
     centre: Vector
     """Its centre."""
     radius: Positive
@@ -46,11 +45,15 @@ class SphereObstacle(_Obstacle):
     """Whether it is hollow, with the structure inside."""
 
 
-class CylinderObstacle(_Obstacle):
+class CylinderObstacle(Record):
     """A rigid cylinder, solid or hollow, infinite or with ends."""
 
     kind: Literal["cylinder"]
     """A cylinder."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
     centre: Vector
     """A point of its axis, the middle where it has ends."""
     axis: Direction
@@ -73,11 +76,15 @@ class CylinderObstacle(_Obstacle):
         return self
 
 
-class BoxObstacle(_Obstacle):
+class BoxObstacle(Record):
     """A rigid box, solid with rounded edges, or hollow."""
 
     kind: Literal["box"]
     """A box."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
     centre: Vector
     """Its centre."""
     size: tuple[Positive, Positive, Positive]
@@ -107,11 +114,15 @@ class BoxObstacle(_Obstacle):
         return self
 
 
-class SurfaceObstacle(_Obstacle):
+class SurfaceObstacle(Record):
     """A rigid triangulated surface, from a mesh file or given; its normals are those of counter-clockwise winding."""
 
     kind: Literal["surface"]
     """A triangulated surface."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
     path: str | None = None
     """Mesh file, relative to the scene's; all its triangles count."""
     scale: Positive = 1.0

@@ -20,7 +20,7 @@ class Balance:
     """Resultants of what acts.
 
     :param resultants: along x, y, z, of ``loads``, ``surface``, ``reactions`` and ``contact``, those that the scene has.
-    :param error: size of their sum over the largest of the four sums of the sizes of nodal and elements' forces; 0 where nothing acts.
+    :param error: size of their sum over the largest of the sums of the sizes of the forces that each consists of; 0 without any.
     """
 
     resultants: Mapping[str, tuple[float, float, float]]

@@ -55,7 +55,7 @@ class LoadStep:
         self.equilibrium, self.newton, self.system = equilibrium, equilibrium.newton, equilibrium.system
         self.stiffest, self.snaps, self.report, self.policy = stiffest, snaps, report, policy
         self.way = equilibrium.way(before, after)
-        # Motions have no path that could be followed, nor have structures that meet obstacles and leave them.
+        # Neither motions nor what meets obstacles have a path that could be followed.
         self.pathless = self.way.moves or bool(self.system.contacts)
         self.start = self.system.displacement()
         self.records: list[SolveRecord] = []
@@ -204,14 +204,9 @@ class LoadStep:
             return None
         longest = np.inf if b is None else float(np.linalg.norm(b.position - a.position))
         end = follow(
-            path,
-            begin,
-            1.0,
-            see=self._seen,
-            longest=longest or np.inf,
-            shortest=self.policy.shortest,
+            path, begin, 1.0, see=self._seen, longest=longest or np.inf, shortest=self.policy.shortest,
             progress=self._progress,
-        )
+        )  # fmt: skip
         self.records.append(end.record())
         if end.reason == "target":
             return self._land(path, end)
@@ -347,6 +342,7 @@ class LoadStep:
 
     def _done(self, found: Rest) -> Reached:
         self.system.set_displacement(found.position)
+        self.equilibrium.contact.restore(found.multipliers)
         self.way.press(1.0)
         # What was tried in vain goes first: the record's verdict is that of its last part.
         records = sorted(self.records, key=lambda record: record.converged)

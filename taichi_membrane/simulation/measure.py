@@ -71,6 +71,8 @@ class Measure:
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
         self.system.set_displacement(displacement)
+        if not record.converged:
+            self.equilibrium.contact.begin()  # those of the equilibrium that is kept
         contact = self._contact()
         present = self._present(displacement, contact)
         values = present.fields()

@@ -129,7 +129,7 @@ def node_area(mesh: Mesh, displacement: Floats) -> Floats:
     corners = (mesh.points + displacement)[mesh.triangles]
     directed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     share = np.repeat(np.linalg.norm(directed, axis=1) / 6.0, 3)
-    return np.bincount(mesh.triangles.ravel(), weights=share, minlength=mesh.node_count)
+    return np.bincount(mesh.triangles.ravel(), weights=share, minlength=mesh.node_count).astype(np.float64, copy=False)
 
 
 def _principal_values(first: Floats, second: Floats, shear: Floats) -> tuple[Floats, Floats]:

@@ -38,7 +38,11 @@ def validate(model: Model) -> None:
             model.measured(probe)
         elif not isinstance(
             probe,
-            scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe | scenes.AbsoluteProbe | scenes.LevelProbe
+            scenes.FactorProbe
+            | scenes.BodyProbe
+            | scenes.CableProbe
+            | scenes.AbsoluteProbe
+            | scenes.LevelProbe
             | scenes.ContactProbe,
         ):
             group_nodes(mesh, probe.group, key)

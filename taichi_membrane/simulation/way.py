@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.solvers.in_contact import held_now
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import PathPoint
 
@@ -35,6 +36,7 @@ class Rest:
     :param negative: negative eigenvalues of the tangent; None where it is singular.
     :param noise: the share that it is known to: with residuals r left, s f·K⁻¹r to first order.
     :param active: (obstacles, node_count) where there is contact; force and stiffness are those along the obstacles.
+    :param multipliers: (obstacles, node_count) those of the obstacles there.
     """
 
     share: float
@@ -44,6 +46,7 @@ class Rest:
     negative: int | None
     noise: float = 0.0
     active: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    multipliers: tuple[Floats, ...] = ()
 
     @property
     def stable(self) -> bool:
@@ -151,7 +154,7 @@ class Way:
             name = one.obstacle.name
             moved = one.obstacle.motion * (self.after.obstacles.get(name, 0.0) - self.before.obstacles.get(name, 0.0))
             carried += np.where(touches, normal @ moved, 0.0)[:, None] * normal
-        return _Held(self.newton.held_by_contact(active, now.normal), carried)
+        return _Held(held_now(self.newton, active, now.normal), carried)
 
     def rest(self, share: float) -> Rest:
         """The present equilibrium at a share of the way; its factorised tangent is kept for the next step."""
@@ -161,10 +164,14 @@ class Way:
         force = self.force(share)
         if factor is None:
             return Rest(
-                share=share, position=position, force=force, stiffness=None, negative=None,
-                active=self.system.touching().active,
+                share=share, position=position, force=force, stiffness=None, negative=None, **self._touched()
             )  # fmt: skip
         return self._rest(share, position, force, factor.solve(force), factor.negative)
+
+    def _touched(self) -> dict[str, Any]:
+        """What a state says of contact."""
+        multipliers = tuple(one.multiplier for one in self.system.contacts)
+        return {"active": self.system.touching().active, "multipliers": multipliers}
 
     def stays(self, rest: Rest) -> bool:
         """Whether the load only changes the stiffness at an equilibrium, which it leaves in balance."""
@@ -204,7 +211,7 @@ class Way:
         noise = 0.0 if stiffness is None else abs(stiffness * float(np.vdot(self.newton.free_force(), tangent)))
         return Rest(
             share=share, position=position, force=force, stiffness=stiffness, negative=negative, noise=noise,
-            active=self.system.touching().active,
+            **self._touched(),
         )  # fmt: skip
 
     def compare(self, a: Rest, b: Rest, resolution: float) -> Comparison:

@@ -7,7 +7,7 @@ node's elements at rest, which c does not exceed: gaps halve at worst, and acros
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +81,11 @@ class Contact:
         for one, gap, normal in zip(self.system.contacts, now.gap, now.normal, strict=True):
             pressed = -np.einsum("ij,ij->i", others, normal)
             one.set(self._bound, np.maximum(pressed - self._bound * gap, 0.0))
+
+    def restore(self, multipliers: Sequence[Floats]) -> None:
+        """Set the multipliers that were found for a state."""
+        for one, multiplier in zip(self.system.contacts, multipliers, strict=True):
+            one.set(one.stiffness, multiplier)
 
     def _let_go(self) -> None:
         none = np.zeros(self.system.node_count)

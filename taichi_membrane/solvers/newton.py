@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.rim import Rim, Skew, SkewFactor, symmetric
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
-from taichi_membrane.mechanics.touching import held_by_contact
+from taichi_membrane.solvers.in_contact import factor_in_contact
 from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now
 from taichi_membrane.solvers.relaxation import Relaxation
 from taichi_membrane.solvers.soft_mode import scaled, softest
@@ -140,10 +139,6 @@ class Newton:
         factor = self.tangent.solver.factorise(blocks, loose, indefinite=indefinite)
         return self._whole(factor, self.skew())
 
-    def held_by_contact(self, active: NDArray[np.bool_], normals: Floats) -> Floats:
-        """(node_count, 3, 3) projections on the freedoms that contact holds; see :func:`.touching.held_by_contact`."""
-        return held_by_contact(active, np.stack([self.system.in_frames(one) for one in normals]), self.free)
-
     def skew(self) -> Skew | None:
         """Skew part of the present tangent; None where the present pressures have a potential."""
         return self.rim.at(self.system.surface_loads(), self.system.displacement())
@@ -179,29 +174,14 @@ class Newton:
     def at_rest(self) -> Factor | None:
         """The factorised tangent at the present state, indefinite or not; None where it is singular.
 
-        Where nodes touch obstacles it is that of the freedoms which are left to them, with the contact forces as they are. It is kept, so that a load step that starts from here need not factorise again, nor who asks twice.
+        Where nodes touch obstacles it is that of the freedoms which are left to them, with the contact forces as they are. It is
+        kept, so that a load step that starts from here need not factorise again, nor who asks twice.
         """
         if self._kept is not None and self._is_here(self._kept):
             return self._kept[1]
-        factor = self._in_contact() if self.system.contacts else self.factorised(indefinite=True)
+        factor = factor_in_contact(self) if self.system.contacts else self.factorised(indefinite=True)
         self._kept = None if factor is None else (self._tangent_state(), factor)
         return factor
-
-    def _in_contact(self) -> Factor | None:
-        """The factorised tangent of the freedoms that contact leaves; None where pressures have no potential, too."""
-        if self.skew() is not None:
-            return None
-        now, blocks = self.system.touching(), self.tangent.assemble()
-        held = self.held_by_contact(now.active, now.normal)
-        self.tangent.hold(held)
-        factor = self.tangent.solver.factorise(blocks, self.tangent.loose(self.free), indefinite=True)
-        if factor is None or self.contents is None:
-            return factor
-        terms = [
-            replace(term, gradient=term.gradient - np.einsum("nij,nj->ni", held, term.gradient))
-            for term in self.contents.rank_one()
-        ]
-        return coupled(factor, terms, self.free)
 
     def upload(self) -> None:
         """Take over the structure that is now in the system's fields, all chambers open."""
