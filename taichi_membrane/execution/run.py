@@ -66,8 +66,10 @@ def run(
         path = resolve_scene(scene) if isinstance(scene, str) else scene
         scene, base = load_scene(path), base or path.parent
     from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
+    from taichi_membrane.simulation.obstacles import with_surfaces
     from taichi_membrane.simulation.results import Settings
 
+    scene = with_surfaces(scene, base)
     given, settings = mesh, Settings(arch=arch, precision=precision, threads=threads, render=render)
 
     def work() -> RunResult:
@@ -293,7 +295,9 @@ def summarise(scene: Scene, base: Path | None = None, *, repair: bool = False) -
     """
     from taichi_membrane.simulation import probes
     from taichi_membrane.simulation.model import build_mesh, build_model
+    from taichi_membrane.simulation.obstacles import with_surfaces
 
+    scene = with_surfaces(scene, base)
     model = build_model(scene, build_mesh(scene, base, repair=repair))
     probes.validate(model)
     compiled_in, left_out = model.structure.features().describe()

@@ -33,7 +33,7 @@ from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 6
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 7
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 CABLE = "cable"  # array of the lines of mesh.vtu and of the steps' files: number of the cable in the scene
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
@@ -293,6 +293,8 @@ def _step(
         state=_state(record, fields["displacement"], per_node),
         contact_forces=_numbers(record["contact_forces"]),
         relieved=_numbers(record["relieved"]),
+        balance={name: (_number(x), _number(y), _number(z)) for name, (x, y, z) in record["balance"].items()},
+        imbalance=_number(record["imbalance"]),
     )
 
 

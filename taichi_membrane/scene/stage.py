@@ -49,6 +49,8 @@ class Stage(Record):
     """Factor of each shrinkage at the stage's end."""
     temperatures: dict[Name, Finite] = {}
     """Change of each temperature at the stage's end [degrees of the fabrics' ``expansion``]."""
+    obstacles: dict[Name, Finite] = {}
+    """Factor of the motion of each obstacle at the stage's end, on its ``direction``."""
     control: Literal["load", "arc_length"] = "load"
     """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""
     until: Literal["target", "collapse", "collapse_or_target", "steps"] = "target"

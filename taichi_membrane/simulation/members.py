@@ -1,4 +1,4 @@
-"""A scene's cables, springs and planes on its mesh."""
+"""A scene's cables and springs on its mesh."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from taichi_membrane import mesh as meshes
 from taichi_membrane.errors import InputError
-from taichi_membrane.mechanics.preparation import Cables, Floats, Ints, Plane, Ropes, Springs
+from taichi_membrane.mechanics.preparation import Cables, Floats, Ints, Ropes, Springs
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Cable, Scene
 from taichi_membrane.simulation.groups import group_nodes
@@ -136,21 +136,6 @@ def springs_of(scene: Scene, mesh: Mesh) -> Springs | None:
         stiffness=np.concatenate(stiffness),
         direction=np.concatenate(direction),
         kind=np.concatenate(kind),
-    )
-
-
-def planes_of(scene: Scene, mesh: Mesh) -> tuple[Plane, ...]:
-    """The planes of a scene.
-
-    :raises InputError: unknown groups.
-    """
-    return tuple(
-        Plane(
-            normal=np.array(plane.normal) / np.linalg.norm(plane.normal),
-            through=np.array(plane.through),
-            nodes=group_nodes(mesh, plane.group, f"planes.{name}.group"),
-        )
-        for name, plane in scene.planes.items()
     )
 
 

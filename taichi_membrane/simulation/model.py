@@ -28,12 +28,12 @@ from taichi_membrane.simulation.load_state import LoadState, unloaded
 from taichi_membrane.simulation.members import (
     cables_of,
     line_elements,
-    planes_of,
     ropes_of,
     springs_of,
     with_cable_nodes,
     with_member_nodes,
 )
+from taichi_membrane.simulation.obstacles import obstacles_of
 from taichi_membrane.simulation.results import ProbeFunction
 from taichi_membrane.simulation.supports import PrescribedMotion, held_by_others, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
@@ -259,16 +259,16 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     single = held.copy()
     bodies, moved_bodies = bodies_of(scene, mesh, held, frame)
     unit_forces = unit_forces_of(scene, mesh)
-    springs, planes = springs_of(scene, mesh), planes_of(scene, mesh)
+    springs, obstacles = springs_of(scene, mesh), obstacles_of(scene, mesh)
     ties = [np.column_stack([one.nodes[:-1], one.nodes[1:]]) for one in bodies]
     ties.append(line_elements(scene, mesh)[0])
     clamps = [meshes.Clamp(int(one.nodes[0]), one.centre, one.held) for one in bodies]
     joined = np.concatenate(ties)
     left = meshes.rigid_motions_left(
-        mesh, *held_by_others(single, frame, mesh.points, springs, planes), joined if len(joined) else None, clamps
+        mesh, *held_by_others(single, frame, mesh.points, springs, obstacles), joined if len(joined) else None, clamps
     )
     if left:
-        hint = "; planes hold what touches them at rest" if planes else ""
+        hint = "; planes hold what touches them at rest" if obstacles else ""
         raise InputError(f"supports: the structure is free to move: {'; '.join(left)}{hint}")
     structure = Structure(
         mesh=with_used_data(scene, mesh),
@@ -283,7 +283,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         cables=cables,
         ropes=ropes_of(scene, mesh),
         springs=springs,
-        planes=planes,
+        obstacles=obstacles,
         wind=surface.wind,
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),
