@@ -30,8 +30,10 @@ def check(scene: Scene) -> None:
                     "give prestress, unstressed or length"
                 )
         return
-    if scene.planes:
-        raise ValueError(f"stages.{scene.stages[0].name}.kind = 'form_find' is not implemented for a scene with planes")
+    if scene.touchable:
+        raise ValueError(
+            f"stages.{scene.stages[0].name}.kind = 'form_find' is not implemented for a scene with planes or obstacles"
+        )
     fabrics = {"fabric": scene.fabric, **{f"fabrics.{name}": one for name, one in scene.fabrics.items()}}
     for key, fabric in fabrics.items():
         if fabric is None:

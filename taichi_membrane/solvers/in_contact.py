@@ -1,7 +1,7 @@
 """The tangent of what is free to move in contact: nodes that touch slide along their obstacles, which are rigid.
 
 Second-order work on the constraint surface: the normals of nodes in contact are taken out, contact forces with the curvature of
-the obstacles stay in. Its inertia is that of the structure with its rigid obstacles, whatever springs the multipliers are found with.
+the obstacles stay in. Its inertia is that of the structure with rigid obstacles, whatever springs the multipliers are found with.
 """
 
 from __future__ import annotations
