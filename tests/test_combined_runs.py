@@ -11,6 +11,8 @@ import pytest
 from PIL import Image
 from run_files import different, outcome, same
 from scipy.optimize import brentq
+from test_body_scenes import guyed
+from test_members import hanging, rope
 from test_page import content, decode
 
 import taichi_membrane as tm
@@ -18,6 +20,7 @@ from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.model import build_model
 from taichi_membrane.simulation.results import StepResult
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
@@ -134,6 +137,25 @@ def test_a_sheet_on_anchored_cables_lies_on_a_plane() -> None:
     assert step.contact_forces["floor"] > 0.1
     assert step.reaction[deep, 2] == pytest.approx(5.0 * 0.05 - 1.0, rel=1e-6)
     assert step.reaction[:, 2].sum() + step.contact_forces["floor"] == pytest.approx(weight, rel=1e-7)
+
+
+def test_a_line_that_warp_and_a_cable_follow_is_read_back(tmp_path: Path) -> None:
+    """And a mast of lines: model and steps of a run's files are those of the run."""
+    fabric = {"E_warp": 4.0, "E_weft": 1.0, "nu": 0.1, "G": 1.0, "thickness": 1.0, "warp": {"along": "rope"}}
+    for scene, mesh in ((rope(4, fabric=fabric), hanging(4)), guyed()):
+        result = run(scene, mesh=mesh, out=tmp_path / scene.name, render=False)
+        assert result.converged
+        saved = read_run(tmp_path / scene.name)
+        before, after = result.mesh, saved.mesh
+        assert after.tri_fields.keys() == before.tri_fields.keys()
+        assert list(after.node_groups) == list(before.node_groups)
+        again = build_model(saved.scene, after).structure
+        first = build_model(result.scene, before).structure
+        assert np.array_equal(again.geometry.warp, first.geometry.warp)
+        assert np.array_equal(again.cable_sides[0], first.cable_sides[0])
+        for one, other in zip(again.bodies, first.bodies, strict=True):
+            assert np.array_equal(one.nodes, other.nodes)
+        assert all(same(one, other) for one, other in zip(saved.steps, result.steps, strict=True))
 
 
 def whole() -> Scene:

@@ -8,11 +8,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taichi_membrane import bounds, fields, shapes
 from taichi_membrane import mesh as meshes
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics import preparation
+from taichi_membrane.mechanics.body import Body
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.wet import rim_moves
@@ -260,16 +262,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     bodies, moved_bodies = bodies_of(scene, mesh, held, frame)
     unit_forces = unit_forces_of(scene, mesh)
     springs, obstacles = springs_of(scene, mesh), obstacles_of(scene, mesh)
-    ties = [np.column_stack([one.nodes[:-1], one.nodes[1:]]) for one in bodies]
-    ties.append(line_elements(scene, mesh)[0])
-    clamps = [meshes.Clamp(int(one.nodes[0]), one.centre, one.held) for one in bodies]
-    joined = np.concatenate(ties)
-    left = meshes.rigid_motions_left(
-        mesh, *held_by_others(single, frame, mesh.points, springs, obstacles), joined if len(joined) else None, clamps
-    )
-    if left:
-        hint = "; planes hold what touches them at rest" if obstacles else ""
-        raise InputError(f"supports: the structure is free to move: {'; '.join(left)}{hint}")
+    _check_held(scene, mesh, held_by_others(single, frame, mesh.points, springs, obstacles), bodies)
     structure = Structure(
         mesh=with_used_data(scene, mesh),
         fabrics=fabrics,
@@ -292,12 +285,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         tri_prestress=_prestress(scene, mesh, tri_fabric, fabrics),
         growth=growth.array,
     )
-    for name in surface.volumes:
-        if rim_moves(structure, surface.waters[name]):
-            raise InputError(
-                f"loads.{name}.given = 'volume': the rim of its elements moves; hold it, or let it move in vertical planes that it "
-                "lies in"
-            )
+    _check_rims(structure, surface)
     return Model(
         scene=scene,
         structure=structure,
@@ -320,6 +308,32 @@ def _prestress(
     if given is None and scene.forms:
         return np.array([one.prestress for one in fabrics])[tri_fabric]
     return given
+
+
+def _check_held(
+    scene: Scene, mesh: Mesh, held: tuple[NDArray[np.bool_], Floats | None], bodies: tuple[Body, ...]
+) -> None:
+    """Refuse supports that leave a rigid motion.
+
+    :param held: (node_count, 3) what holds single nodes, and each node's axes if not x, y, z.
+    """
+    ties = [np.column_stack([one.nodes[:-1], one.nodes[1:]]) for one in bodies]
+    joined = np.concatenate([*ties, line_elements(scene, mesh)[0]])
+    clamps = [meshes.Clamp(int(one.nodes[0]), one.centre, one.held) for one in bodies]
+    left = meshes.rigid_motions_left(mesh, *held, joined if len(joined) else None, clamps)
+    if left:
+        hint = "; planes hold what touches them at rest" if scene.touchable else ""
+        raise InputError(f"supports: the structure is free to move: {'; '.join(left)}{hint}")
+
+
+def _check_rims(structure: Structure, surface: SurfaceLoads) -> None:
+    """Refuse liquids of given volume whose rim moves."""
+    for name in surface.volumes:
+        if rim_moves(structure, surface.waters[name]):
+            raise InputError(
+                f"loads.{name}.given = 'volume': the rim of its elements moves; hold it, or let it move in vertical planes that it "
+                "lies in"
+            )
 
 
 def _check_memory(scene: Scene, mesh: Mesh) -> None:
