@@ -211,7 +211,7 @@ def test_a_plane_is_met_in_single_precision(tmp_path: Path) -> None:
 
 def test_without_cables_and_planes_there_is_no_field_of_theirs() -> None:
     """And ``check`` lists them as left out; with them, as compiled in."""
-    names = ("cables", "sliding cables", "springs to the ground", "contact with planes")
+    names = ("cables", "sliding cables", "springs to the ground", "contact with obstacles")
     plain = build_model(strip(planes={}), build_mesh(strip(planes={}))).structure
     fields = {name for name, _ in System(plain).fields()}
     assert not any(name.startswith(("cable_", "rope_", "spring_", "plane_", "node_contact")) for name in fields)

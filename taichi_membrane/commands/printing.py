@@ -44,6 +44,8 @@ def print_run(console: Console, result: RunResult) -> None:
     print_failed_steps(console, result)
     for line in relief_lines(result):
         _print_wrapped(console, "relief", line)
+    for line in balance_lines(result):
+        _print_wrapped(console, "balance", line)
     _print_at_rest(console, result)
     _print_unknown(console, result)
     if result.checks:
@@ -71,6 +73,20 @@ def relief_lines(result: RunResult) -> list[str]:
         f"{with_unit(amount, scene.units.volume)} of gas at {with_unit(scene.pressures[name].ambient or 0.0, scene.units.stress)}"
         for step in result.steps
         for name, amount in step.relieved.items()
+    ]
+
+
+def balance_lines(result: RunResult) -> list[str]:
+    """The resultants of all that acts at the end of each stage, and how nearly they cancel."""
+    ends = {step.stage: step for step in result.steps if step.converged}
+    unit = result.scene.units.force
+    return [
+        f"of forces at the end of {stage}: "
+        + ", ".join(
+            f"{name} ({', '.join(f'{part:.4g}' for part in vector)}) {unit}" for name, vector in step.balance.items()
+        )
+        + f"; together {step.imbalance:.1e} of the largest"
+        for stage, step in ends.items()
     ]
 
 
@@ -229,6 +245,11 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
         *(("chamber", line) for line in _chamber_lines(model)),
         *(("cable", f"{name}: {_cable_line(item)}") for name, item in scene.cables.items()),
         *(("plane", f"{name}: through {list(item.through)}, for {item.group}") for name, item in scene.planes.items()),
+        *(
+            ("obstacle", f"{name}: {item.kind}, for {item.group}")
+            for name, item in scene.obstacles.items()
+            if item.direction is None
+        ),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         ("probes", ", ".join(scene.probes) or "none"),
         ("checks", str(len(scene.checks)) if scene.checks else "none"),
@@ -335,6 +356,7 @@ def _stage_line(scene: Scene, stage: Stage) -> str:
     aims = [
         f"{name.replace('.', ' ')} to {with_unit(value, driver_unit(scene, name))}" for name, value in asked.items()
     ]
+    aims += ["finds the rest shape"] if stage.kind == "form_find" else []
     aims += ["by arc length"] if stage.control == "arc_length" else []
     aims += [f"until {stage.until.replace('_', ' ')}"] if stage.until != "target" else []
     aims += [f"valve shut: {', '.join(stage.closed)}"] if stage.closed else []

@@ -66,8 +66,10 @@ def run(
         path = resolve_scene(scene) if isinstance(scene, str) else scene
         scene, base = load_scene(path), base or path.parent
     from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
+    from taichi_membrane.simulation.obstacles import with_surfaces
     from taichi_membrane.simulation.results import Settings
 
+    scene = with_surfaces(scene, base)
     given, settings = mesh, Settings(arch=arch, precision=precision, threads=threads, render=render)
 
     def work() -> RunResult:
@@ -108,7 +110,12 @@ def resume(
             saved = read_run(Path(directory))
             if not saved.complete:
                 _refuse_other_probes(saved, probes or {})
-            model = build_model(saved.scene, saved.mesh, probes)
+            model = build_model(saved.scene, saved.given, probes)
+            if saved.scene.forms and saved.steps:
+                from taichi_membrane.simulation import rest_shape
+
+                fields = saved.steps[0].fields
+                model = rest_shape.found(model, saved.mesh.points, fields["stress"], fields["cable_force"])
         clock.observer.kept(saved.steps)
         if saved.complete:
             return _result(saved)
@@ -173,11 +180,11 @@ def _carry_out(
         observer.phase("solving")
         steps = work.steps(clock.progress, done=result.steps)
         while (step := clock.timed("solve", lambda: next(steps, None))) is not None:
-            result = replace(result, steps=(*result.steps, step))
+            result = replace(result, steps=(*result.steps, step), mesh=work.model.structure.mesh)
             observer.step_done(step)
             if writer is not None:
                 with clock.phase("output"):
-                    for path in writer.write_step(step, clock.seconds):
+                    for path in writer.write_step(step, clock.seconds, result.mesh):
                         observer.wrote(path)
     except InputError:
         raise  # a file that cannot be written, so nothing more is
@@ -200,7 +207,7 @@ def _writer(
     return Writer(
         Path(out),
         model.scene,
-        structure.mesh,
+        model.given or structure.mesh,
         settings=settings,
         provenance=provenance,
         tri_fabric=structure.tri_fabric.astype(np.int32),
@@ -288,7 +295,9 @@ def summarise(scene: Scene, base: Path | None = None, *, repair: bool = False) -
     """
     from taichi_membrane.simulation import probes
     from taichi_membrane.simulation.model import build_mesh, build_model
+    from taichi_membrane.simulation.obstacles import with_surfaces
 
+    scene = with_surfaces(scene, base)
     model = build_model(scene, build_mesh(scene, base, repair=repair))
     probes.validate(model)
     compiled_in, left_out = model.structure.features().describe()

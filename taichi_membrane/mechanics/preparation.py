@@ -151,20 +151,6 @@ class Springs:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plane:
-    """A rigid plane that nodes touch without friction and do not pass: n · x ≥ n · a.
-
-    :param normal: unit normal n, to the side where the structure is.
-    :param through: a point a of it.
-    :param nodes: numbers of the nodes that it holds up.
-    """
-
-    normal: Floats
-    through: Floats
-    nodes: Ints
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PlanLoads:
     """Loads along one direction on each unit of area seen along it; each has a value that a run sets.
 

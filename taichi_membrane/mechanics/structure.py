@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from taichi_membrane.algebra.elimination import Elimination, kept_elimination
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.body import Body, parts_of, reduced_pairs
+from taichi_membrane.mechanics.obstacle import Obstacle
 from taichi_membrane.mechanics.preparation import (
     Cables,
     FabricConstants,
     Floats,
     Ints,
-    Plane,
     PlanLoads,
     Ropes,
     Springs,
@@ -51,7 +51,7 @@ class Features:
     ``wind``: a pressure per triangle beside those of chambers. ``snow``: a load per plan area of each triangle.
     ``water``: how many liquids.
     ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``ropes``: cables that
-    slide over nodes. ``springs``: nodes on springs to the ground. ``planes``: how many.
+    slide over nodes. ``springs``: nodes on springs to the ground. ``obstacles``: of each what is compiled.
     ``bodies``: rigid node groups.
     """
 
@@ -69,7 +69,7 @@ class Features:
     cables: bool
     ropes: bool
     springs: bool
-    planes: int
+    obstacles: tuple[tuple[str, bool], ...]
     bodies: bool
 
     def describe(self) -> tuple[list[str], list[str]]:
@@ -95,7 +95,7 @@ class Features:
             "cables": self.cables,
             "sliding cables": self.ropes,
             "springs to the ground": self.springs,
-            "contact with planes": self.planes > 0,
+            "contact with obstacles": bool(self.obstacles),
             "rigid bodies": self.bodies,
         }
         return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]
@@ -103,7 +103,7 @@ class Features:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Structure:
-    """A mesh with its fabrics, supports, pressed surfaces, cables, springs and planes; all that mechanics needs to know.
+    """A mesh with its fabrics, supports, pressed surfaces, cables, springs and obstacles; all that mechanics needs to know.
 
     A run sets the values of loads on the surface in one array: pressures of the chambers, then winds, loads per plan area, and
     levels of liquids.
@@ -135,7 +135,7 @@ class Structure:
     cables: Cables | None = None
     ropes: Ropes | None = None
     springs: Springs | None = None
-    planes: tuple[Plane, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
     wind: Floats | None = None
     snow: PlanLoads | None = None
     water: tuple[Water, ...] = ()
@@ -339,7 +339,7 @@ class Structure:
             cables=self.cables is not None,
             ropes=self.ropes is not None,
             springs=self.springs is not None,
-            planes=len(self.planes),
+            obstacles=tuple(one.code for one in self.obstacles),
             bodies=bool(self.bodies),
         )
 

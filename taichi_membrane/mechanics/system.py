@@ -3,7 +3,7 @@
 A :class:`System` is built once per run; displacements, pressures and loads are set by methods.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from taichi_membrane.mechanics.bodies import ORDINARY, RigidBodies
 from taichi_membrane.mechanics.cables import CableTerm
 from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.nodes import Nodes, field_bytes
-from taichi_membrane.mechanics.planes import PlaneTerm
 from taichi_membrane.mechanics.preparation import Floats, TriangleGeometry
 from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.ropes import RopeTerm
@@ -22,6 +21,7 @@ from taichi_membrane.mechanics.springs import SpringTerm
 from taichi_membrane.mechanics.strain_offset import StrainOffset, self_stress_norm
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm, Term
+from taichi_membrane.mechanics.touching import Touching, contact_terms
 from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
 from taichi_membrane.mechanics.water import WaterTerm
 
@@ -39,12 +39,12 @@ class System(Nodes):
         self.triangles = Triangles(self, self.offset, self.pressure, self.snow, self.water, structure)
         self.cables = CableTerm(self, structure) if self.features.cables else None
         self.ropes = RopeTerm(self, structure) if self.features.ropes else None
-        self.planes = tuple(PlaneTerm(self, structure, number) for number in range(self.features.planes))
+        self.contacts = contact_terms(self, structure)
         self.rigid = (RigidBodies(self, structure),) if self.features.bodies else ()
         self.springs = SpringTerm(self, structure) if self.features.springs else None
         cables = [term for term in (self.cables, self.ropes) if term is not None]
         self.terms: tuple[ElementTerm, ...] = (self.triangles, *cables)
-        self.node_terms: tuple[NodeTerm, ...] = self.planes if self.springs is None else (*self.planes, self.springs)
+        self.node_terms: tuple[NodeTerm, ...] = (*self.contacts, *([] if self.springs is None else [self.springs]))
         self.upload(structure)
 
     def accepts(self, structure: Structure) -> bool:
@@ -210,7 +210,39 @@ class System(Nodes):
             self.surface_loads(),
             self.growth(),
             *([self.loads] if self.rigid and self.features.loads else []),
+            *(
+                array
+                for one in self.contacts
+                for array in (one.rest_gap, one.stiffness, one.multiplier, np.array(one.value))
+            ),
         )
+
+    # ---- contact
+
+    @ti.kernel
+    def _contact_kernel(self, out: ti.types.ndarray()):
+        for i in range(self.bounds[None].nodes):
+            for number, term in ti.static(enumerate(self.contacts)):
+                gap, normal, _curvature = term.distance(i)
+                out[number, i, 0] = gap
+                out[number, i, 1] = term.push(i, gap)
+                for c in ti.static(range(3)):
+                    out[number, i, 2 + c] = normal[c]
+
+    def touching(self) -> Touching:
+        """Gaps, contact forces and normals at the present displacements."""
+        out = np.zeros((len(self.contacts), self.node_count, 5), dtype=self.dtype)
+        if self.contacts:
+            self._contact_kernel(out)
+        values = out.astype(np.float64)
+        return Touching(gap=values[..., 0], push=values[..., 1], normal=values[..., 2:])
+
+    def place_obstacles(self, values: Mapping[str, float]) -> None:
+        """Move obstacles, by the names of their motions."""
+        for one in self.contacts:
+            value = values.get(one.obstacle.name, 0.0)
+            if value != one.value:
+                one.place(value)
 
     @property
     def geometry(self) -> TriangleGeometry:

@@ -167,6 +167,22 @@ class Tangent:
         loose[column[beside > 0.0]] = False
         return np.where(loose[:, None], np.ones(3), 0.0)
 
+    def hold(self, held: Floats) -> None:
+        """Take freedoms out of the assembled blocks: their rows and columns become those of a stiffness by themselves.
+
+        :param held: (node_count, 3, 3) projections on them, in the axes that supports refer to.
+        """
+        blocks, elimination = self.blocks, self.elimination
+        left = np.eye(3) - held
+        own = blocks[elimination.node_block]
+        stiff = np.abs(own).max(axis=(1, 2), initial=0.0)
+        blocks[elimination.node_block] = left @ own @ left + np.where(stiff > 0.0, stiff, 1.0)[:, None, None] * held
+        touched = np.abs(held).max(axis=(1, 2)) > 0.0
+        column, row = elimination.edge_node.T
+        some = np.flatnonzero(touched[row] | touched[column])
+        numbers = elimination.edge_block[some]
+        blocks[numbers] = left[row[some]] @ blocks[numbers] @ left[column[some]]
+
     def matrix(self) -> sparse.csr_matrix:
         """The present tangent as a whole sparse matrix over 3 · node_count components, held ones as in :meth:`assemble`."""
         blocks, elimination = self.assemble(), self.elimination

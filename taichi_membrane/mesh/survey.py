@@ -88,7 +88,7 @@ def _bodies(mesh: Mesh) -> tuple[Body, ...]:
     is_open = np.zeros(count, dtype=bool)
     is_open[label[mesh.boundary_edges()]] = True
     is_open[label[mesh.junction_edges()]] = True  # a body with inner walls has several volumes
-    order = np.argsort(-area, kind="stable").tolist()
+    order = [k for k in np.argsort(-area, kind="stable").tolist() if triangles[k]]  # nodes of cables alone are none
     return tuple(
         Body(int(nodes[k]), int(triangles[k]), float(area[k]), None if is_open[k] else float(volume[k]))
         for k in order

@@ -23,7 +23,7 @@ from pydantic import ValidationError
 
 from taichi_membrane import fields as tables
 from taichi_membrane.errors import InputError
-from taichi_membrane.mesh import Mesh, with_added_nodes
+from taichi_membrane.mesh import Mesh, placed, with_added_nodes
 from taichi_membrane.mesh.check import frozen
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Scene
@@ -33,7 +33,7 @@ from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 6
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 7
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 CABLE = "cable"  # array of the lines of mesh.vtu and of the steps' files: number of the cable in the scene
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
@@ -47,6 +47,7 @@ MODE = "mode_"  # begins the name of a mode shape in a step's file
 class SavedRun:
     """A run as far as it came, to the last bit.
 
+    :param mesh: in the rest shape, of a run that found it with ``given`` as it was before.
     :param steps: whole load steps; ``records`` is what the summary has of each.
     :param seconds: time spent in each phase so far.
     :param complete: all is done, the last summary included; nothing is left to do. ``outcome`` then tells how it ended.
@@ -58,6 +59,7 @@ class SavedRun:
     directory: Path
     scene: Scene
     mesh: Mesh
+    given: Mesh
     steps: tuple[StepResult, ...]
     settings: Settings
     own_probes: tuple[str, ...]
@@ -81,12 +83,14 @@ def read_run(directory: Path) -> SavedRun:
         mesh_checksum = str(summary["mesh"]["sha256"])
         records = tuple(dict(record) for record in summary["steps"])
         mended, notes = (tuple(map(str, summary["mesh"][key])) for key in ("mended", "notes"))
-        mesh = replace(_mesh(scene, directory / MESH, mesh_checksum), mended=mended, notes=notes)
+        given = replace(_mesh(scene, directory / MESH, mesh_checksum), mended=mended, notes=notes)
+        mesh = _rest(scene, directory, given, records)
         cable_count, held = len(line_elements(scene, mesh)[0]), tables.of(scene.extra_fields)
         return SavedRun(
             directory=directory,
             scene=scene,
             mesh=mesh,
+            given=given,
             steps=tuple(_step(directory, mesh, cable_count, held, record) for record in records),
             settings=_settings(**summary["settings"]),
             own_probes=tuple(map(str, summary["own_probes"])),
@@ -215,6 +219,17 @@ def _mesh(scene: Scene, path: Path, checksum: str) -> Mesh:
     return mesh if warp is None else replace(mesh, tri_warp=frozen(np.asarray(warp, dtype=np.float64)))
 
 
+def _rest(scene: Scene, directory: Path, given: Mesh, records: tuple[dict[str, Any], ...]) -> Mesh:
+    """The mesh in the shape that displacements are counted from: the one found, where the run found one."""
+    if not (scene.forms and records):
+        return given
+    path = directory / Path(str(records[0]["file"])).name
+    points = np.asarray(_read_vtu(path, records[0]["sha256"]).points, dtype=np.float64)
+    if points.shape != given.points.shape:
+        raise InputError(f"{path}: damaged: {len(points)} points, but {len(given.points)} are expected")
+    return placed(given, points)
+
+
 def _with_lines(scene: Scene, mesh: Mesh, lines: NDArray[Any], owner: NDArray[Any]) -> Mesh:
     """The mesh with the lines that cables run along, in the groups that they name."""
     groups = {
@@ -278,6 +293,8 @@ def _step(
         state=_state(record, fields["displacement"], per_node),
         contact_forces=_numbers(record["contact_forces"]),
         relieved=_numbers(record["relieved"]),
+        balance={name: (_number(x), _number(y), _number(z)) for name, (x, y, z) in record["balance"].items()},
+        imbalance=_number(record["imbalance"]),
     )
 
 

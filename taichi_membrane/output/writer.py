@@ -1,9 +1,9 @@
 """Files of a run: steps for ParaView, a table, a summary; each is in place whole or not at all. How to read them back is in
 :mod:`taichi_membrane.output.reader`.
 
-``mesh.vtu`` holds the unstressed mesh with its groups, ``step_NNNN.vtu`` the state after each load step, ``steps.pvd`` their
-order, ``history.csv`` a row per load step, ``summary.json`` everything that is not an array. All are up to date after every
-load step, the summary last: what it lists is whole, and a run that is interrupted goes on from there.
+``mesh.vtu`` holds the mesh as it was given with its groups, ``step_NNNN.vtu`` the rest shape with the state after each load step,
+``steps.pvd`` their order, ``history.csv`` a row per load step, ``summary.json`` everything that is not an array. All are up to
+date after every load step, the summary last: what it lists is whole, and a run that is interrupted goes on from there.
 """
 
 from __future__ import annotations
@@ -72,6 +72,7 @@ class Writer:
     :param directory: made when missing; what an earlier run left in it is removed.
     :param settings: what was asked for, and ``provenance`` what really ran; both go into the summary.
     :param tri_fabric: (tri_count,) fabric number of each element.
+    :param mesh: as it was given, before form finding.
     :param saved: the run in ``directory`` to go on with.
     :param own_probes: names of probes beside the scene's.
     :raises InputError: the folder cannot be made or written, or holds files but no run of this program.
@@ -112,15 +113,16 @@ class Writer:
         self._write_tables()
         _remove_stale(directory, {path.name for path in self._files()})
 
-    def write_step(self, step: StepResult, seconds: Mapping[str, float]) -> list[Path]:
+    def write_step(self, step: StepResult, seconds: Mapping[str, float], rest: Mesh | None = None) -> list[Path]:
         """Write the files of one more load step.
 
+        :param rest: the mesh in the shape that displacements are counted from; as it was given when None.
         :param seconds: time spent in each phase so far.
         :return: the step's own file, then those brought up to date.
         """
         path = step_path(self.directory, step.number)
         with replacing(path) as temporary:
-            checksum = self._write_arrays(temporary, step)
+            checksum = self._write_arrays(temporary, step, rest or self._mesh)
         self._records.append(_record(step, path.name, checksum))
         self._rows.append(self._row(step))
         return [path, *self._write_tables(), self._write_summary(seconds, complete=False)]
@@ -132,7 +134,7 @@ class Writer:
     def finish(self, result: RunResult) -> list[Path]:
         """Write the last summary, and any load step whose writing was interrupted; returns all files of the run in order."""
         for step in result.steps[len(self._records) :]:
-            self.write_step(step, result.seconds)
+            self.write_step(step, result.seconds, result.mesh)
         self._write_tables()
         verdict = {
             "outcome": result.outcome,
@@ -166,8 +168,8 @@ class Writer:
             {CABLE: self._cable} | {name: np.zeros(len(self._lines), dtype=np.int8) for name in marks},
         )
 
-    def _write_arrays(self, path: Path, step: StepResult) -> str:
-        """Points are unstressed and the displacement a vector, so that ParaView's Warp By Vector gives the deformed shape."""
+    def _write_arrays(self, path: Path, step: StepResult, rest: Mesh) -> str:
+        """Points are at rest and the displacement a vector, so that ParaView's Warp By Vector gives the deformed shape."""
         places: dict[str, dict[str, NDArray[Any]]] = {"node": {}, "element": {}, "cable": {CABLE: self._cable}}
         for field in fields.of(step.fields.keys()):
             values = step.fields[field.name]
@@ -178,7 +180,7 @@ class Writer:
             points |= {name: getattr(step.state.path, name.removeprefix(PATH)) for name in PATH_ARRAYS}
         if step.modes is not None:
             points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
-        return write_vtu(path, self._mesh, self._lines, points, cells, places["cable"])
+        return write_vtu(path, rest, self._lines, points, cells, places["cable"])
 
     def _write_tables(self) -> list[Path]:
         text = io.StringIO()

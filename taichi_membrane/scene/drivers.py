@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from taichi_membrane.scene.growth import Shrinkage
     from taichi_membrane.scene.loads import AnyLoad, Pressure
     from taichi_membrane.scene.models import Scene, Units
+    from taichi_membrane.scene.obstacles import Obstacle
     from taichi_membrane.scene.stage import Stage
     from taichi_membrane.scene.support import Motion
 
@@ -92,10 +93,11 @@ def _load_scaled(load: AnyLoad) -> str:
     return {"weight": "weight", "wind": "q", "body": "force and moment"}.get(load.kind, "direction")
 
 
-def _motion_unit(units: Units, motion: Motion) -> str:
-    """Of a motion's factor; empty where a translation's direction is no unit vector."""
+def _motion_unit(units: Units, motion: Motion | Obstacle) -> str:
+    """Of a motion's factor, or of an obstacle's; empty where a translation's direction is no unit vector."""
     if isinstance(motion, Rotation | BodyRotation):
         return "°"
+    assert motion.direction is not None  # of obstacles those that move alone have a factor
     return units.length if math.isclose(math.hypot(*motion.direction), 1.0, rel_tol=1e-6) else ""
 
 
@@ -154,6 +156,11 @@ DRIVERS: tuple[DriverKind, ...] = (
     DriverKind(
         name="temperature", table="temperatures", key="temperatures", unit=lambda *_: "K",
         words=lambda item: f"of {_joined(item.group)}",
+    ),
+    DriverKind(
+        name="obstacle", table="obstacles", key="obstacles", unit=_motion_unit,
+        words=lambda item: f"{item.kind}, for {item.group}, moved along {list(item.direction)}",
+        possible=lambda item: item.direction is not None,
     ),
 )  # fmt: skip
 

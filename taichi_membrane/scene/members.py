@@ -31,6 +31,10 @@ class Cable(Record):
     """The cable runs over its inner ``nodes`` without friction: one force all along. Closed where the last node is the first."""
     EA: Positive
     """Modulus times cross section [force]."""
+    force: Positive | None = None
+    """Force in the shape that a stage of kind ``form_find`` finds [force]; it decides the unstressed length."""
+    force_density: Positive | None = None
+    """Force over length of each element in that shape, in place of ``force`` [force/length]."""
     prestress: Finite = 0.0
     """Force at the unstressed length [force]."""
     unstressed: Positive | None = None
@@ -50,9 +54,20 @@ class Cable(Record):
             raise ValueError("give one of unstressed (a ratio) and length")
         if self.parts > 1 and self.nodes is None:
             raise ValueError(f"parts = {self.parts} needs nodes: mesh edges and line elements are not divided")
+        self._check_force()
         if self.sliding:
             self._check_sliding()
         return self
+
+    def _check_force(self) -> None:
+        asked = [key for key in ("force", "force_density") if getattr(self, key) is not None]
+        if len(asked) > 1:
+            raise ValueError("give one of force and force_density")
+        extra = [key for key in ("unstressed", "length", "prestress") if getattr(self, key)]
+        if asked and extra:
+            raise ValueError(f"{asked[0]} decides the unstressed length; leave out {', '.join(extra)}")
+        if self.force_density is not None and self.sliding:
+            raise ValueError("sliding = true needs force, not force_density: it has one force all along")
 
     def _check_sliding(self) -> None:
         if self.nodes is None or len(self.nodes) < 3:

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from taichi_membrane import fields
-from taichi_membrane.scene import drivers, valves
+from taichi_membrane.scene import drivers, forming, valves
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record, Vector
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.element_field import ElementField
@@ -22,7 +22,16 @@ from taichi_membrane.scene.growth import Shrinkage, Temperature
 from taichi_membrane.scene.loads import AnyLoad, BodyLoad, Pressure, SnowLoad, WaterLoad, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import MeshSource
-from taichi_membrane.scene.probe import AbsoluteProbe, BodyProbe, CableProbe, FactorProbe, LevelProbe, Probe
+from taichi_membrane.scene.obstacles import Obstacle
+from taichi_membrane.scene.probe import (
+    AbsoluteProbe,
+    BodyProbe,
+    CableProbe,
+    ContactProbe,
+    FactorProbe,
+    LevelProbe,
+    Probe,
+)
 from taichi_membrane.scene.solver import Modes, Solver
 from taichi_membrane.scene.stage import Stage
 from taichi_membrane.scene.support import Body, BodyRotation, BodyTranslation, Motion, Support
@@ -136,6 +145,8 @@ class Scene(Record):
     """Springs from nodes to the ground, by name."""
     planes: Annotated[dict[Name, Plane], Field(max_length=8)] = {}
     """Planes that nodes touch and do not pass, by name."""
+    obstacles: Annotated[dict[Name, Obstacle], Field(max_length=8)] = {}
+    """Spheres, cylinders, boxes, surfaces and planes that nodes touch and do not pass, and that stages may move, by name."""
     bodies: Annotated[dict[Name, Body], _FEW] = {}
     """Node groups that move as rigid bodies, by name."""
     supports: Annotated[list[Support], _FEW] = []
@@ -172,6 +183,7 @@ class Scene(Record):
         names = [stage.name for stage in self.stages]
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
+        forming.check(self)
         valves.check(self)
         for stage in self.stages:
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
@@ -204,7 +216,7 @@ class Scene(Record):
             _known(self.modes.stage, names, "modes.stage", "a stage")
         if (self.modes is not None or self.derivatives) and self.solver.kind == "relaxation":
             raise ValueError("modes and derivatives need the tangent of solver.kind 'hybrid' or 'newton'")
-        self._check_planes()
+        self._check_contact()
         self._check_cable_points()
         self._check_bodies()
         if self.curve is not None:
@@ -274,10 +286,16 @@ class Scene(Record):
             name = next(iter(self.temperatures))
             raise ValueError(f"temperatures.{name}: no fabric has an expansion; give fabric.expansion = [warp, weft]")
 
-    def _check_planes(self) -> None:
-        """Refuse what takes the tangent in contact for that of the structure: it holds springs, where the planes are rigid."""
-        if self.planes:
-            told = "is not implemented for a scene with planes"
+    def _check_contact(self) -> None:
+        """Refuse what takes the tangent in contact for that of the structure: it holds springs, where obstacles are rigid."""
+        for name in self.obstacles:
+            if name in self.planes:
+                raise ValueError(f"obstacles.{name}: planes.{name} has the name already")
+        for name, probe in self.probes.items():
+            if isinstance(probe, ContactProbe):
+                _known(probe.obstacle, self.touchable, f"probes.{name}.obstacle", "a plane or an obstacle")
+        if self.touchable:
+            told = f"is not implemented for a scene with {'planes' if self.planes else 'obstacles'}"
             if self.derivatives or self.modes is not None:
                 raise ValueError(f"{'derivatives' if self.derivatives else 'modes'} {told}")
             for stage in self.stages:
@@ -302,10 +320,20 @@ class Scene(Record):
                     _known(item.body, self.bodies, f"{table}.{name}.body", "a body")
         if self.bodies:
             told = "is not implemented for a scene with bodies"
-            if self.planes:
-                raise ValueError(f"planes: contact {told}")
+            if self.touchable:
+                raise ValueError(f"{'planes' if self.planes else 'obstacles'}: contact {told}")
             if self.modes is not None and self.modes.kind == "vibration":
                 raise ValueError(f"modes.kind = 'vibration' {told}, which have no masses")
+
+    @property
+    def forms(self) -> bool:
+        """Whether the rest shape is found by the first stage."""
+        return self.stages[0].kind == "form_find"
+
+    @property
+    def touchable(self) -> list[str]:
+        """Names of all planes and obstacles, in the order in which results have them."""
+        return [*self.planes, *self.obstacles]
 
     @property
     def holding(self) -> list[tuple[str, str]]:

@@ -20,6 +20,17 @@ class DisplacementProbe(Record):
     """Along an axis, or its magnitude."""
 
 
+class PositionProbe(Record):
+    """Mean place of a node group, along an axis."""
+
+    kind: Literal["position"]
+    """Mean place [length]."""
+    group: GroupName
+    """Node group."""
+    component: Component
+    """Along an axis."""
+
+
 class ReactionProbe(Record):
     """Sum of the support forces on a node group."""
 
@@ -156,6 +167,20 @@ class CableProbe(Record):
     """Extreme force, or the mean over its length in the mesh."""
 
 
+class ContactProbe(Record):
+    """What a plane or an obstacle of the scene does to the structure."""
+
+    kind: Literal["contact"]
+    """Of an obstacle or a plane."""
+    obstacle: Name
+    """Name of the obstacle or plane."""
+    of: Literal["force", "area", "pressure"] = "force"
+    """Resultant ``force`` on the structure [force]; ``area`` of the nodes in contact, a third of each element around [length²];
+    largest ``pressure``, a node's force over its area [force/length²]."""
+    component: Literal["x", "y", "z", "magnitude"] = "magnitude"
+    """Of the force: along an axis, or its magnitude."""
+
+
 class BodyProbe(Record):
     """What a rigid body does: displacement of its centre, rotation, and what its supports and motions push with."""
 
@@ -172,6 +197,7 @@ class BodyProbe(Record):
 
 Probe = Annotated[
     DisplacementProbe
+    | PositionProbe
     | ReactionProbe
     | MomentProbe
     | RotationProbe
@@ -184,6 +210,7 @@ Probe = Annotated[
     | FactorProbe
     | AreaProbe
     | CableProbe
-    | BodyProbe,
+    | BodyProbe
+    | ContactProbe,
     Field(discriminator="kind"),
 ]

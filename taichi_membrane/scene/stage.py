@@ -1,4 +1,4 @@
-"""A stage: a ramp of pressures, loads and motions in load steps."""
+"""A stage: a ramp of pressures, loads and motions in load steps, or the search for a shape of given stress."""
 
 from __future__ import annotations
 
@@ -17,10 +17,21 @@ class Stage(Record):
     steps, through limit points, until the stage's values are reached; needs Newton, and no motion that changes. ``closed`` names
     pressures whose valve is shut from the stage's start to its end: they follow their volume. ``amount`` shuts it too, and ramps
     the amount of gas.
+
+    ``kind = "form_find"``, of the first stage only, finds the shape in which the fabrics have their ``prestress`` and cables their
+    ``force`` or ``force_density``, at the stage's pressures and loads, whatever the stiffness; other cables and bars keep their
+    unstressed lengths. The shape found is the rest shape of all that follows: displacements are counted from it, and
+    probes and groups keep their nodes and elements. Warp directions are projected on it anew. Cables get the unstressed length that
+    gives them their force.
     """
 
     name: Name
     """Name that checks, curves and results use."""
+    kind: Literal["load", "form_find"] = "load"
+    """``load`` ramps what acts, ``form_find`` finds the rest shape."""
+    stress_tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """How far stresses and forces of the shape found may be from those given, relative to the largest of each fabric; 0.02 without
+    it. For ``form_find``."""
     steps: Annotated[int, Field(ge=1, le=10_000)] = 1
     """Number of equal load steps; by arc length the most steps."""
     pressure: Finite | dict[Name, Finite] | None = None
@@ -38,6 +49,8 @@ class Stage(Record):
     """Factor of each shrinkage at the stage's end."""
     temperatures: dict[Name, Finite] = {}
     """Change of each temperature at the stage's end [degrees of the fabrics' ``expansion``]."""
+    obstacles: dict[Name, Finite] = {}
+    """Factor of the motion of each obstacle at the stage's end, on its ``direction``."""
     control: Literal["load", "arc_length"] = "load"
     """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""
     until: Literal["target", "collapse", "collapse_or_target", "steps"] = "target"
@@ -54,6 +67,18 @@ class Stage(Record):
     def may_end_early(self) -> bool:
         """Whether the number of load steps done may be below ``steps`` in a run that went well."""
         return self.control == "arc_length" or self.until != "target"
+
+    @model_validator(mode="after")
+    def _form_find(self) -> Self:
+        if self.kind == "load":
+            if self.stress_tolerance is not None:
+                raise ValueError("stress_tolerance is for kind = 'form_find'")
+            return self
+        fixed = {"motions", "amount", "ambient", "closed", "joined", "control", "until", "snaps", "steps"}
+        extra = sorted(key for key in fixed if getattr(self, key) != type(self).model_fields[key].default)
+        if extra:
+            raise ValueError(f"kind = 'form_find' takes pressure and loads, all at once; leave out {', '.join(extra)}")
+        return self
 
     @model_validator(mode="after")
     def _arc_length(self) -> Self:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from taichi_membrane import fields
-from taichi_membrane.scene import BodyProbe, CableProbe, FactorProbe, ResultantProbe, Scene, StressProbe
+from taichi_membrane.scene import BodyProbe, CableProbe, ContactProbe, FactorProbe, ResultantProbe, Scene, StressProbe
 from taichi_membrane.scene.drivers import driver_unit
 
 
@@ -16,9 +16,10 @@ def probe_unit(scene: Scene, name: str) -> str:
         return fields.named(f"{probe.which}_{probe.kind}").unit_label(units)
     if isinstance(probe, CableProbe):
         return {"force": units.force, "length": units.length, "slack": ""}[probe.what]
-    kind = probe.of if isinstance(probe, BodyProbe) else probe.kind
+    kind = probe.of if isinstance(probe, BodyProbe | ContactProbe) else probe.kind
     return {
         "displacement": units.length,
+        "position": units.length,
         "radius": units.length,
         "reaction": units.force,
         "force": units.force,
@@ -28,4 +29,6 @@ def probe_unit(scene: Scene, name: str) -> str:
         "absolute_pressure": units.stress,
         "level": units.length,
         "area_share": "",
+        "area": units.area,
+        "pressure": units.stress,
     }[kind]

@@ -9,6 +9,7 @@ from dataclasses import replace
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
 from taichi_membrane.simulation.equilibrium import Equilibrium, Report
+from taichi_membrane.simulation.forming import Forming
 from taichi_membrane.simulation.load_state import Course, LoadState, stage_target
 from taichi_membrane.simulation.measure import Measure
 from taichi_membrane.simulation.model import Model
@@ -71,6 +72,7 @@ class Analysis:
             elif number >= len(done):
                 self.equilibrium.shut(stage)
             run_stage = self._arc_length_stage if stage.control == "arc_length" else self._load_stage
+            run_stage = self._form_stage if stage.kind == "form_find" else run_stage
             had = [step for step in done if step.stage == stage.name]
             for result in run_stage(number, stage, course, had, progress):
                 if number >= len(done):
@@ -87,6 +89,25 @@ class Analysis:
                 self.outcome = missed
                 return
         self.outcome = "finished"
+
+    def _form_stage(
+        self,
+        number: int,
+        stage: Stage,
+        course: Course,
+        had: Sequence[StepResult],
+        progress: ProgressCallback | None,
+    ) -> Iterator[StepResult]:
+        """The rest shape, which this analysis has from now on; displacements are counted from it."""
+        if had:
+            yield from had
+            return
+        started = time.perf_counter()
+        form = Forming(self.model, self.equilibrium, self.take, stage, course.target).find(_report(stage, 1, progress))
+        step = self.measure.step(number, stage, 1, course, 1.0, form.record, 0, started)
+        # To the last bit what the model is made of, as a run that goes on makes it anew.
+        fields = {**step.fields, "stress": form.stress, "cable_force": form.cable_force}
+        yield replace(step, fields=fields)
 
     def _go_on(self, step: StepResult, stage: Stage, course: Course) -> None:
         """Take over the state that a load step, from an earlier analysis, has handed on."""

@@ -101,12 +101,13 @@ class Equilibrium:
         self.press(state)
 
     def press(self, state: LoadState) -> None:
-        """Set pressures, loads and stress-free strain."""
+        """Set pressures, loads, stress-free strain and the places of obstacles."""
         self.system.set_surface_loads(self.model.surface_values(state))
         self.system.set_loads(self.model.nodal_loads(state))
         for rigid in self.system.rigid:
             rigid.set_moments(self.model.body_moments(state))
         self.system.set_growth(self.model.growth_values(state))
+        self.system.place_obstacles(state.obstacles)
         self.filling.press(state)
 
     def shut(self, stage: Stage, let_out: Mapping[str, float] | None = None) -> None:
@@ -265,7 +266,7 @@ class Equilibrium:
         applied = self._applied(state)
         if applied > 0.0:
             return applied
-        if any(state.motions.values()):
+        if any((*state.motions.values(), *state.obstacles.values())):
             return self._reactions()
         targets = stage_targets(self.model.scene)
         return max(self._applied(one) for one in targets) or 1.0

@@ -45,6 +45,11 @@ class LoadState:
         """Factor of each motion."""
         return of_kind(self.values, "motion")
 
+    @property
+    def obstacles(self) -> dict[str, float]:
+        """Factor of the motion of each obstacle that moves."""
+        return of_kind(self.values, "obstacle")
+
     def toward(self, other: LoadState, fraction: float) -> LoadState:
         """The state at a fraction of the way to another one, or beyond it; exactly the other one at 1."""
         if fraction == 1.0:

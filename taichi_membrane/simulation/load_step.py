@@ -55,6 +55,8 @@ class LoadStep:
         self.equilibrium, self.newton, self.system = equilibrium, equilibrium.newton, equilibrium.system
         self.stiffest, self.snaps, self.report, self.policy = stiffest, snaps, report, policy
         self.way = equilibrium.way(before, after)
+        # Neither motions nor what meets obstacles have a path that could be followed.
+        self.pathless = self.way.moves or bool(self.system.contacts)
         self.start = self.system.displacement()
         self.records: list[SolveRecord] = []
         self.trace: list[Passage] = []
@@ -62,6 +64,7 @@ class LoadStep:
     def run(self) -> Reached:
         """Take the step. Where no equilibrium is found the membrane is back in the state it came from."""
         self.way.press(0.0)
+        self.equilibrium.contact.begin()
         off = float(np.linalg.norm(self.newton.free_force()))
         balanced = off <= self.policy.balance * self.equilibrium.tolerance * force_now(
             self.equilibrium.reference(self.way.after)
@@ -69,8 +72,8 @@ class LoadStep:
         origin = self.way.rest(0.0) if balanced else None
         if origin is not None and origin.stable and self.system.rigid and self.way.stays(origin):
             return self._stand(origin)
-        if origin is None or not origin.stable or origin.stiffness is None or self.system.planes:
-            return self._direct()  # planes are rigid, but springs in the tangent, which foretells nothing then
+        if origin is None or not origin.stable or origin.stiffness is None:
+            return self._direct()
         return self._walk(origin)
 
     # ---- load control
@@ -90,7 +93,7 @@ class LoadStep:
         aims, known = [1.0], {}  # type: tuple[list[float], dict[float, Rest]]
         while aims:
             aim = aims[-1]
-            soft = not self.way.moves and self._softened(a)
+            soft = not self.pathless and self._softened(a)
             b, kind = (None, "soft") if soft else self._attempt(a, aim, known.pop(aim, None))
             if b is None and kind == "failed" and a.share == 0.0 and not self.way.moves and self._at_apex(a):
                 return self._direct()  # no path begins there
@@ -107,12 +110,12 @@ class LoadStep:
                 self._pass("bisected", 0.5 * (a.share + aim))
                 known[aim] = b
                 aims.append(0.5 * (a.share + aim))
-            elif b is not None and (kind != "jump" or self.way.moves):
-                self._pass({"curved": "kink", "jump": "snap"}.get(kind, "load control"), aim)  # type: ignore[arg-type]
+            elif b is not None and (kind != "jump" or self.pathless):
+                self._pass({"curved": "kink", "jump": "snap", "contact": "contact"}.get(kind, "load control"), aim)  # type: ignore[arg-type]
                 a = b
                 aims.pop()
             else:
-                onward = self._follow(a, b) if not self.way.moves else None
+                onward = self._follow(a, b) if not self.pathless else None
                 if onward is None and b is None and kind == "failed":
                     onward = self._relaxed(a)
                 if not isinstance(onward, Rest):
@@ -129,7 +132,7 @@ class LoadStep:
         if b is None or b.negative:
             return None, "failed"
         kind = self._compare(a, b)
-        if kind == "jump" and self.way.moves and aim - a.share > 2.0**-self.policy.parts:
+        if kind == "jump" and self.pathless and aim - a.share > 2.0**-self.policy.parts:
             kind = "curved"  # no path to follow: find the jump as nearly as parts can be
         return b, kind
 
@@ -201,14 +204,9 @@ class LoadStep:
             return None
         longest = np.inf if b is None else float(np.linalg.norm(b.position - a.position))
         end = follow(
-            path,
-            begin,
-            1.0,
-            see=self._seen,
-            longest=longest or np.inf,
-            shortest=self.policy.shortest,
+            path, begin, 1.0, see=self._seen, longest=longest or np.inf, shortest=self.policy.shortest,
             progress=self._progress,
-        )
+        )  # fmt: skip
         self.records.append(end.record())
         if end.reason == "target":
             return self._land(path, end)
@@ -333,7 +331,7 @@ class LoadStep:
             return None
         found = self.way.rest(1.0)
         kind = self._compare(a, found)
-        if found.negative or not (self.way.moves or kind in ("consistent", "unknown")):
+        if found.negative or not (self.pathless or kind in ("consistent", "unknown")):
             self._pass("refused", 1.0)
             return None
         self._pass("snap" if kind == "jump" else "relaxed", 1.0)
@@ -343,6 +341,7 @@ class LoadStep:
 
     def _done(self, found: Rest) -> Reached:
         self.system.set_displacement(found.position)
+        self.equilibrium.contact.restore(found.multipliers)
         self.way.press(1.0)
         # What was tried in vain goes first: the record's verdict is that of its last part.
         records = sorted(self.records, key=lambda record: record.converged)

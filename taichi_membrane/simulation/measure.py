@@ -13,6 +13,7 @@ from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.scene import Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
+from taichi_membrane.simulation.force_balance import force_balance
 from taichi_membrane.simulation.load_state import Course, LoadState
 from taichi_membrane.simulation.masses import nodal_mass
 from taichi_membrane.simulation.present import Present
@@ -70,7 +71,15 @@ class Measure:
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
         self.system.set_displacement(displacement)
-        values = self._present(displacement).fields(self.model.scene.extra_fields)
+        if not record.converged:
+            self.equilibrium.contact.begin()  # those of the equilibrium that is kept
+        contact = self._contact()
+        present = self._present(displacement, contact)
+        values = present.fields(self.model.scene.extra_fields)
+        balance = force_balance(
+            self.model.structure, displacement, self.system.surface_loads(), loads=self.model.nodal_loads(state),
+            reactions=present.reaction, contact=present.contact_force,
+        )  # fmt: skip
         swept = self.system.swept_volumes(displacement)
         volume = self.model.rest_volume + float((self.model.enclosing * swept).sum())
         energy = self._energy(state, displacement)
@@ -81,7 +90,7 @@ class Measure:
             stage_step=k,
             drivers=state.values,
             fields=values,
-            probes=probes.evaluate(self.model, values, swept, state),
+            probes=probes.evaluate(self.model, values, swept, state, contact),
             volume=volume,
             energy=energy,
             solver=record.method,
@@ -100,12 +109,14 @@ class Measure:
                 displacement=displacement, drivers=state.values, let_out=dict(self.equilibrium.filling.let_out)
             ),
             seconds=time.perf_counter() - started,
-            contact_forces=self._contact_forces(),
+            contact_forces={name: float(np.linalg.norm(one, axis=1).sum()) for name, one in contact.items()},
+            balance=dict(balance.resultants),
+            imbalance=balance.error,
             relieved=relieved,
         )
         return probes.with_own(self.model, step)
 
-    def _present(self, displacement: Floats) -> Present:
+    def _present(self, displacement: Floats, contact: dict[str, Floats]) -> Present:
         """The system's present state, downloaded."""
         local = -self.system.balance()
         reaction = self.system.spread(np.where(self.model.structure.node_held, local, 0.0))
@@ -115,6 +126,7 @@ class Measure:
             structure=self.model.structure,
             displacement=displacement,
             reaction=reaction,
+            contact_force=sum(contact.values(), np.zeros_like(displacement)),
             elements=self.system.element_state(),
             cable_force=self.system.cable_forces(),
             free_strain=self.model.structure.free_strain(self.system.growth()),
@@ -130,10 +142,12 @@ class Measure:
         contents = self.equilibrium.filling.contents
         return energy if contents is None else energy + contents.energy()
 
-    def _contact_forces(self) -> dict[str, float]:
-        """What each plane pushes with, all in all."""
-        named = zip(self.model.scene.planes, self.system.planes, strict=True)
-        return {name: float(plane.push().sum()) for name, plane in named}
+    def _contact(self) -> dict[str, Floats]:
+        """(node_count, 3) what each plane and obstacle pushes the nodes with, by name."""
+        found = {name: np.zeros((self.system.node_count, 3)) for name in self.model.scene.touchable}
+        for one, forces in zip(self.system.contacts, self.system.touching().forces(), strict=True):
+            found[one.obstacle.name] += forces
+        return found
 
     def again(self, step: StepResult) -> None:
         """Bring the system back to the state that a step left it in."""
@@ -190,6 +204,8 @@ class Measure:
             why = "the state is no equilibrium"
         elif newton is None:
             why = f"relaxation has no tangent ({chosen_solver(self.model).reason or 'solver.kind = relaxation'})"
+        elif self._tangent_asked(stage.name) and self.system.contacts and newton.skew() is not None:
+            why = "contact beside a pressure without a potential: not implemented"
         elif self._tangent_asked(stage.name):
             why = "the tangent is singular"
         else:

@@ -1,4 +1,4 @@
-"""A scene's cables, springs and planes on its mesh."""
+"""A scene's cables and springs on its mesh."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from taichi_membrane import mesh as meshes
 from taichi_membrane.errors import InputError
-from taichi_membrane.mechanics.preparation import Cables, Floats, Ints, Plane, Ropes, Springs
+from taichi_membrane.mechanics.preparation import Cables, Floats, Ints, Ropes, Springs
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Cable, Scene
 from taichi_membrane.simulation.groups import group_nodes
@@ -139,21 +139,6 @@ def springs_of(scene: Scene, mesh: Mesh) -> Springs | None:
     )
 
 
-def planes_of(scene: Scene, mesh: Mesh) -> tuple[Plane, ...]:
-    """The planes of a scene.
-
-    :raises InputError: unknown groups.
-    """
-    return tuple(
-        Plane(
-            normal=np.array(plane.normal) / np.linalg.norm(plane.normal),
-            through=np.array(plane.through),
-            nodes=group_nodes(mesh, plane.group, f"planes.{name}.group"),
-        )
-        for name, plane in scene.planes.items()
-    )
-
-
 def cable_elements(name: str, cable: Cable, mesh: Mesh) -> tuple[Ints, Floats]:
     """(n, 2) nodes of a cable's elements, and their unstressed lengths.
 
@@ -165,6 +150,10 @@ def cable_elements(name: str, cable: Cable, mesh: Mesh) -> tuple[Ints, Floats]:
     if short.size:
         first, second = pairs[short[0]].tolist()
         raise InputError(f"cables.{name}: nodes {first} and {second} lie at one place, {short.size} such pairs in all")
+    if cable.force is not None:
+        return pairs, distance / (1.0 + cable.force / cable.EA)
+    if cable.force_density is not None:
+        return pairs, distance / (1.0 + cable.force_density * distance / cable.EA)
     ratio = (cable.unstressed or 1.0) if cable.length is None else cable.length / distance.sum()
     return pairs, ratio * distance
 

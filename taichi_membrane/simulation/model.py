@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -30,12 +30,12 @@ from taichi_membrane.simulation.load_state import LoadState, unloaded
 from taichi_membrane.simulation.members import (
     cables_of,
     line_elements,
-    planes_of,
     ropes_of,
     springs_of,
     with_cable_nodes,
     with_member_nodes,
 )
+from taichi_membrane.simulation.obstacles import obstacles_of
 from taichi_membrane.simulation.results import ProbeFunction
 from taichi_membrane.simulation.supports import PrescribedMotion, held_by_others, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
@@ -76,6 +76,7 @@ class Model:
     :param moved_bodies: rigid bodies of which a motion prescribes something.
     :param unit_moments: (bodies, 3) moments about fixed axes at value 1 of each driver that has some.
     :param own_probes: what is measured at every load step beside the scene's probes, by name.
+    :param given: the mesh before form finding, where the structure's is the shape found.
     """
 
     scene: Scene
@@ -88,6 +89,7 @@ class Model:
     moved_bodies: tuple[PrescribedBody, ...] = ()
     unit_moments: Mapping[str, Floats] = field(default_factory=dict)
     own_probes: Mapping[str, ProbeFunction] = field(default_factory=dict)
+    given: Mesh | None = None
 
     def fabric_names(self) -> list[tuple[str, Fabric]]:
         """The scene's fabrics with the element group of each, in the order of the structure's fabric numbers."""
@@ -259,8 +261,8 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     single = held.copy()
     bodies, moved_bodies = bodies_of(scene, mesh, held, frame)
     unit_forces = unit_forces_of(scene, mesh)
-    springs, planes = springs_of(scene, mesh), planes_of(scene, mesh)
-    _check_held(scene, mesh, held_by_others(single, frame, mesh.points, springs, planes), bodies)
+    springs, obstacles = springs_of(scene, mesh), obstacles_of(scene, mesh)
+    _check_held(scene, mesh, held_by_others(single, frame, mesh.points, springs, obstacles), bodies)
     structure = Structure(
         mesh=with_used_data(scene, mesh),
         fabrics=fabrics,
@@ -274,13 +276,13 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         cables=cables,
         ropes=ropes_of(scene, mesh),
         springs=springs,
-        planes=planes,
+        obstacles=obstacles,
         wind=surface.wind,
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),
         bodies=bodies,
         tri_thickness=thickness_of(scene, mesh, tri_fabric),
-        tri_prestress=prestress_of(scene, mesh, tri_fabric),
+        tri_prestress=_prestress(scene, mesh, tri_fabric, fabrics),
         growth=growth.array,
     )
     _check_rims(structure, surface)
@@ -298,6 +300,16 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
     )
 
 
+def _prestress(
+    scene: Scene, mesh: Mesh, tri_fabric: Ints, fabrics: Sequence[preparation.FabricConstants]
+) -> Floats | None:
+    """(tri_count, 3) prestress where it differs, or will, within a fabric: form finding gives each element its own."""
+    given = prestress_of(scene, mesh, tri_fabric)
+    if given is None and scene.forms:
+        return np.array([one.prestress for one in fabrics])[tri_fabric]
+    return given
+
+
 def _check_held(
     scene: Scene, mesh: Mesh, held: tuple[NDArray[np.bool_], Floats | None], bodies: tuple[Body, ...]
 ) -> None:
@@ -310,7 +322,7 @@ def _check_held(
     clamps = [meshes.Clamp(int(one.nodes[0]), one.centre, one.held) for one in bodies]
     left = meshes.rigid_motions_left(mesh, *held, joined if len(joined) else None, clamps)
     if left:
-        hint = "; planes hold what touches them at rest" if scene.planes else ""
+        hint = "; planes hold what touches them at rest" if scene.touchable else ""
         raise InputError(f"supports: the structure is free to move: {'; '.join(left)}{hint}")
 
 

@@ -14,6 +14,7 @@ from taichi_membrane import fields
 from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mesh import Mesh
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,6 +23,7 @@ class Present:
 
     :param displacement: (n, 3).
     :param reaction: (n, 3) support forces.
+    :param contact_force: (n, 3) forces of planes and obstacles.
     :param elements: state of every triangle.
     :param cable_force: force of every straight piece of a cable.
     :param free_strain: (m, 2) stress-free strain in warp and weft, where something drives it.
@@ -31,6 +33,7 @@ class Present:
     displacement: Floats
     reaction: Floats
     elements: ElementState
+    contact_force: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     cable_force: Floats = field(default_factory=lambda: np.zeros(0))
     free_strain: Floats | None = None
 
@@ -43,6 +46,15 @@ class Present:
     def fields(self, extra: Collection[str] = ()) -> dict[str, NDArray[Any]]:
         """The values of all fields, by name, with the named optional ones."""
         return {one.name: one.of(self) for one in fields.of(extra)}
+
+    @property
+    def contact_pressure(self) -> Floats:
+        """(n,) contact force over the node's area, a third of each deformed element around it."""
+        size = np.linalg.norm(self.contact_force, axis=1)
+        if not size.any():
+            return size
+        area = node_area(self.structure.mesh, self.displacement)
+        return np.divide(size, area, out=np.zeros_like(size), where=(size > 0.0) & (area > 0.0))
 
     @property
     def major_stress(self) -> Floats:
@@ -94,15 +106,8 @@ class Present:
         Side a with its vector s and force density q (its force over its length) bears q s⊗s of virtual work per virtual strain, so
         that N = Σ q s⊗s / A, A the deformed area: for Green's side strain t F S Fᵀ/J, t the thickness at rest.
         """
-        structure, mesh, geometry = self.structure, self.structure.mesh, self.structure.geometry
-        corners = (mesh.points + self.displacement)[mesh.triangles]
-        side = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+        side, density = side_forces(self.structure, self.displacement, self.elements.stress)
         length = np.linalg.norm(side, axis=2)
-        green = structure.green
-        volume = geometry.area * structure.thickness
-        natural = volume[:, None] * np.einsum("iba,ib->ia", geometry.strain_matrix, self.elements.stress)
-        reach = np.where(green[:, None], geometry.side_length, length)
-        density = np.divide(natural, reach, out=np.zeros_like(natural), where=reach > 0.0)
         normal = np.cross(side[:, 0], side[:, 1])
         double_area = np.linalg.norm(normal, axis=1)
         flat = double_area > 0.0  # one without area bears nothing
@@ -112,6 +117,30 @@ class Present:
         scale = np.where(flat, 2.0 / np.where(flat, double_area, 1.0), 0.0)
         parts = (scale * (density * one * other).sum(axis=1) for one, other in ((x, x), (y, y), (x, y)))
         return _principal_values(*parts)
+
+
+def side_forces(structure: Structure, displacement: Floats, stress: Floats) -> tuple[Floats, Floats]:
+    """(m, 3, 3) vectors of the deformed sides, and (m, 3) the force densities (force over length) along them.
+
+    :param stress: (m, 3) second Piola–Kirchhoff stress in fabric axes.
+    """
+    mesh, geometry = structure.mesh, structure.geometry
+    corners = (mesh.points + displacement)[mesh.triangles]
+    side = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    length = np.linalg.norm(side, axis=2)
+    green = structure.green
+    volume = geometry.area * structure.thickness
+    natural = volume[:, None] * np.einsum("iba,ib->ia", geometry.strain_matrix, stress)
+    reach = np.where(green[:, None], geometry.side_length, length)
+    return side, np.divide(natural, reach, out=np.zeros_like(natural), where=reach > 0.0)
+
+
+def node_area(mesh: Mesh, displacement: Floats) -> Floats:
+    """(n,) area of each node: a third of each deformed element around it."""
+    corners = (mesh.points + displacement)[mesh.triangles]
+    directed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    share = np.repeat(np.linalg.norm(directed, axis=1) / 6.0, 3)
+    return np.bincount(mesh.triangles.ravel(), weights=share, minlength=mesh.node_count).astype(np.float64, copy=False)
 
 
 def _principal_values(first: Floats, second: Floats, shear: Floats) -> tuple[Floats, Floats]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from taichi_membrane.simulation.groups import group_nodes, group_triangles
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.model import Model
+from taichi_membrane.simulation.present import node_area
 from taichi_membrane.simulation.results import CheckResult, FieldValues, StepResult
 
 _NAME = TypeAdapter[str](Name)
@@ -37,7 +38,12 @@ def validate(model: Model) -> None:
             model.measured(probe)
         elif not isinstance(
             probe,
-            scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe | scenes.AbsoluteProbe | scenes.LevelProbe,
+            scenes.FactorProbe
+            | scenes.BodyProbe
+            | scenes.CableProbe
+            | scenes.AbsoluteProbe
+            | scenes.LevelProbe
+            | scenes.ContactProbe,
         ):
             group_nodes(mesh, probe.group, key)
 
@@ -75,10 +81,13 @@ def with_own(model: Model, step: StepResult) -> StepResult:
     return replace(step, probes=values)
 
 
-def evaluate(model: Model, fields: FieldValues, swept: Floats, state: LoadState) -> dict[str, float]:
+def evaluate(
+    model: Model, fields: FieldValues, swept: Floats, state: LoadState, contact: Mapping[str, Floats] | None = None
+) -> dict[str, float]:
     """Value of every probe of the scene, in its units.
 
     :param swept: (tri_count,) volume that each triangle has swept since rest.
+    :param contact: (n, 3) forces of each plane and obstacle.
     """
     mesh = model.structure.mesh
     displacement, reaction = fields["displacement"], fields["reaction"]
@@ -96,9 +105,15 @@ def evaluate(model: Model, fields: FieldValues, swept: Floats, state: LoadState)
             values[name] = state.values[probe.of]
         elif isinstance(probe, scenes.BodyProbe):
             values[name] = _component(of_body(model, probe, displacement, reaction), probe.component)
+        elif isinstance(probe, scenes.ContactProbe):
+            values[name] = _of_contact(probe, model, displacement, (contact or {})[probe.obstacle])
         elif isinstance(probe, scenes.DisplacementProbe):
             mean = displacement[group_nodes(mesh, probe.group, key)].mean(axis=0)
             values[name] = _component(mean, probe.component)
+        elif isinstance(probe, scenes.PositionProbe):
+            values[name] = _pick(
+                (mesh.points + displacement)[group_nodes(mesh, probe.group, key)].mean(axis=0), probe.component
+            )
         elif isinstance(probe, scenes.ReactionProbe):
             values[name] = _pick(reaction[group_nodes(mesh, probe.group, key)].sum(axis=0), probe.component)
         elif isinstance(probe, scenes.MomentProbe):
@@ -189,6 +204,18 @@ def _of_cable(probe: scenes.CableProbe, model: Model, fields: FieldValues) -> fl
     if probe.reduce == "mean":
         return float(np.average(force, weights=at_rest))
     return float(force.max() if probe.reduce == "max" else force.min())
+
+
+def _of_contact(probe: scenes.ContactProbe, model: Model, displacement: Floats, force: Floats) -> float:
+    """Resultant, area, or largest pressure of contact with one obstacle."""
+    if probe.of == "force":
+        return _component(force.sum(axis=0), probe.component)
+    area = node_area(model.structure.mesh, displacement)
+    size = np.linalg.norm(force, axis=1)
+    touched = size > 0.0
+    if probe.of == "area":
+        return float(area[touched].sum())
+    return float(np.max(size[touched] / area[touched], initial=0.0))
 
 
 def run_checks(scene: Scene, steps: Sequence[StepResult]) -> tuple[CheckResult, ...]:

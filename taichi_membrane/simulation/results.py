@@ -82,7 +82,10 @@ class StepResult:
     :param trace: what the step went through, each passage at a share of the stage's course.
     :param unknown: why there is no value of ``stable``, ``derivatives``, ``modes`` or ``limit``, of those that have none.
     :param state: what it hands to the next step: the run goes on from it.
-    :param contact_forces: sum of the forces of each plane on the structure along its normal.
+    :param contact_forces: sum of the sizes of the nodal forces of each plane and obstacle.
+    :param balance: resultants of what acts, which cancel: dead ``loads``, those on the ``surface``, ``reactions`` of supports,
+        motions and springs, and ``contact`` where there are obstacles. ``imbalance`` is the size of their sum over the largest of
+        the sums of the sizes of the forces that each consists of.
     :param relieved: amount of gas that the relief valve of each chamber let out in the step, of those that opened, by the name of
         its pressure, of joined chambers the first one's.
     """
@@ -110,6 +113,8 @@ class StepResult:
     unknown: Mapping[str, str] = field(default_factory=dict)
     trace: Trace = ()
     contact_forces: dict[str, float] = field(default_factory=dict)
+    balance: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    imbalance: float = 0.0
     relieved: dict[str, float] = field(default_factory=dict)
 
     @property

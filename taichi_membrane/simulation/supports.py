@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy import spatial
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.mechanics.preparation import Floats, Ints, Plane, Springs
+from taichi_membrane.mechanics.obstacle import Obstacle
+from taichi_membrane.mechanics.preparation import Floats, Ints, Springs
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Rotation, Scene, Translation
 from taichi_membrane.simulation.groups import group_nodes
@@ -61,7 +62,11 @@ def held_components(scene: Scene, mesh: Mesh) -> tuple[NDArray[np.bool_], Floats
 
 
 def held_by_others(
-    held: NDArray[np.bool_], frame: Floats | None, points: Floats, springs: Springs | None, planes: Sequence[Plane]
+    held: NDArray[np.bool_],
+    frame: Floats | None,
+    points: Floats,
+    springs: Springs | None,
+    obstacles: Sequence[Obstacle],
 ) -> tuple[NDArray[np.bool_], Floats | None]:
     """Held components and their axes as if springs to the ground were supports, and planes where nodes touch them at rest, which
     rigid motions are stopped by as well."""
@@ -70,10 +75,10 @@ def held_by_others(
     if springs is not None:
         nodes.append(springs.nodes)
         directions.append(springs.direction)
-    for plane in planes:
-        gap = (points[plane.nodes] - plane.through) @ plane.normal
+    for plane in (one for one in obstacles if one.kind == "plane"):
+        gap = (points[plane.nodes] - plane.centre) @ plane.frame[2]
         nodes.append(plane.nodes[gap <= _TOUCHING * np.ptp(points, axis=0).max()])
-        directions.append(np.tile(plane.normal, (len(nodes[-1]), 1)))
+        directions.append(np.tile(plane.frame[2], (len(nodes[-1]), 1)))
     found, ways = np.concatenate(nodes), np.concatenate(directions)
     if not found.size:
         return held, frame

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.solvers.in_contact import held_now
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import PathPoint
 
@@ -20,7 +22,7 @@ _DIFFERENCE = 1e-6
 # Free forces of a load that are this share of all its forces are round-off.
 _NO_FORCE = 1e-12
 
-Kind = Literal["consistent", "curved", "jump", "unknown"]
+Kind = Literal["consistent", "curved", "jump", "unknown", "contact"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,6 +35,8 @@ class Rest:
     :param stiffness: current stiffness dλ/dP; None where the tangent is singular.
     :param negative: negative eigenvalues of the tangent; None where it is singular.
     :param noise: the share that it is known to: with residuals r left, s f·K⁻¹r to first order.
+    :param active: (obstacles, node_count) where there is contact; force and stiffness are those along the obstacles.
+    :param multipliers: (obstacles, node_count) those of the obstacles there.
     """
 
     share: float
@@ -41,6 +45,8 @@ class Rest:
     stiffness: float | None
     negative: int | None
     noise: float = 0.0
+    active: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    multipliers: tuple[Floats, ...] = ()
 
     @property
     def stable(self) -> bool:
@@ -53,7 +59,8 @@ class Comparison:
     """What two equilibria's stiffnesses say about the way between them.
 
     :param kind: ``consistent``; ``curved`` (too curved to tell); ``jump`` (the secant is softer than both ends: a jump, or a limit,
-        lies between); ``unknown`` (a tangent is singular).
+        lies between); ``unknown`` (a tangent is singular); ``contact`` (nodes have met obstacles or left them in between: the
+        stiffness has changed there, and says nothing of the way).
     :param slack: how much of the share the difference of secant and tangents comes to.
     :param noise: how much of the share residuals come to: what the two are not known better than.
     """
@@ -63,12 +70,22 @@ class Comparison:
     noise: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """What contact holds, (node_count, 3, 3) projections, and how nodes go with obstacles that move, (node_count, 3) per share."""
+
+    held: Floats
+    carried: Floats
+
+
 class Way:
     """The straight way from one load state to another.
 
     :param press: sets pressures and loads of a load state, and prescribed displacements where they move.
     :param linear: whether the forces at fixed displacements are linear in the share, but for motions, with which they never are.
     :param round_off: what rounding leaves of the force of a way that may move nothing, from a difference over the given share.
+
+    With obstacles, nodes that touch slide along them: force and stiffness are those on the freedoms that this leaves.
     """
 
     def __init__(
@@ -84,7 +101,8 @@ class Way:
         self.newton, self.system = newton, newton.system
         self.before, self.after, self._press, self._round_off = before, after, press, round_off
         self.moves = before.motions != after.motions
-        self.linear = linear and not self.moves
+        self.pushes = before.obstacles != after.obstacles
+        self.linear = linear and not self.moves and not self.pushes
 
     def at(self, share: float) -> LoadState:
         """The load state at a share of the way."""
@@ -99,17 +117,21 @@ class Way:
         """Set the load state at a share of the way."""
         self._press(self.at(share))
 
-    def force(self, share: float) -> Floats:
-        """Change of the free forces per share at the present displacements; leaves the load state at ``share`` set."""
-        position = self.system.displacement() if self.moves else None
+    def force(self, share: float, active: NDArray[np.bool_] | None = None) -> Floats:
+        """Change of the free forces per share at the present displacements; leaves the load state at ``share`` set.
+
+        :param active: where there is contact, whose nodes go with obstacles that move; as it is when None.
+        """
+        contact = self._contact(active)
+        position = self.system.displacement() if self.moves or self.pushes else None
         # Where they are linear a whole way's difference is exact.
         ahead, behind = (share + 1.0, share) if self.linear else (share + _DIFFERENCE, share - _DIFFERENCE)
-        if not (self.linear or self.moves) and share == 0.0:
+        if not (self.linear or self.moves or self.pushes) and share == 0.0:
             behind = share  # there may be less than nothing behind it: of water, or of depth
-        self.press(ahead)
-        more = self.newton.free_force()
-        self.press(behind)
-        change = (more - self.newton.free_force()) / (ahead - behind)
+        more = self._force_beside(ahead, ahead - share, position, contact)
+        change = (more - self._force_beside(behind, behind - share, position, contact)) / (ahead - behind)
+        if contact is not None:
+            change -= np.einsum("nij,nj->ni", contact.held, change)
         if position is not None:
             self.system.set_displacement(position)
         if behind != share:
@@ -118,6 +140,26 @@ class Way:
             return np.zeros_like(change)  # stiffness against round-off would be no measure of anything
         return np.asarray(change)
 
+    def _force_beside(self, share: float, change: float, position: Floats | None, contact: _Held | None) -> Floats:
+        """Free forces at another share, with the nodes that obstacles carry along where these move."""
+        if self.pushes and position is not None and contact is not None:
+            self.system.set_displacement(position + change * contact.carried)
+        self.press(share)
+        return self.newton.free_force()
+
+    def _contact(self, active: NDArray[np.bool_] | None) -> _Held | None:
+        """What contact holds and carries at the present displacements; None without obstacles."""
+        if not self.system.contacts:
+            return None
+        now = self.system.touching()
+        active = now.active if active is None else active
+        carried = np.zeros_like(now.normal[0])
+        for one, touches, normal in zip(self.system.contacts, active, now.normal, strict=True):
+            name = one.obstacle.name
+            moved = one.obstacle.motion * (self.after.obstacles.get(name, 0.0) - self.before.obstacles.get(name, 0.0))
+            carried += np.where(touches, normal @ moved, 0.0)[:, None] * normal
+        return _Held(held_now(self.newton, active, now.normal), carried)
+
     def rest(self, share: float) -> Rest:
         """The present equilibrium at a share of the way; its factorised tangent is kept for the next step."""
         self.press(share)
@@ -125,8 +167,15 @@ class Way:
         factor = self.newton.at_rest()
         force = self.force(share)
         if factor is None:
-            return Rest(share=share, position=position, force=force, stiffness=None, negative=None)
+            return Rest(
+                share=share, position=position, force=force, stiffness=None, negative=None, **self._touched()
+            )  # fmt: skip
         return self._rest(share, position, force, factor.solve(force), factor.negative)
+
+    def _touched(self) -> dict[str, Any]:
+        """What a state says of contact."""
+        multipliers = tuple(one.multiplier for one in self.system.contacts)
+        return {"active": self.system.touching().active, "multipliers": multipliers}
 
     def stays(self, rest: Rest) -> bool:
         """Whether the load only changes the stiffness at an equilibrium, which it leaves in balance."""
@@ -164,12 +213,17 @@ class Way:
         compliance = float(np.vdot(force, tangent))
         stiffness = 1.0 / compliance if compliance != 0.0 and np.isfinite(compliance) else None
         noise = 0.0 if stiffness is None else abs(stiffness * float(np.vdot(self.newton.free_force(), tangent)))
-        return Rest(share=share, position=position, force=force, stiffness=stiffness, negative=negative, noise=noise)
+        return Rest(
+            share=share, position=position, force=force, stiffness=stiffness, negative=negative, noise=noise,
+            **self._touched(),
+        )  # fmt: skip
 
     def compare(self, a: Rest, b: Rest, resolution: float) -> Comparison:
         """Whether a smooth path leads from one equilibrium to another, by :mod:`taichi_membrane.simulation.policy`'s e."""
         if a.stiffness is None or b.stiffness is None:
             return Comparison("unknown")
+        if not np.array_equal(a.active, b.active):
+            return Comparison("contact")
         largest = max(abs(a.stiffness), abs(b.stiffness))
         change, work = b.share - a.share, self._load_displacement(a, b)
         if work == 0.0:
@@ -190,7 +244,7 @@ class Way:
         position = self.system.displacement()
         middle = 0.5 * (a.share + b.share)
         self.system.set_displacement(self.system.between(a.position, b.position, 0.5))
-        mean = (a.force + 4.0 * self.force(middle) + b.force) / 6.0
+        mean = (a.force + 4.0 * self.force(middle, b.active) + b.force) / 6.0
         self.system.set_displacement(position)
         self.press(b.share)
         return float(np.vdot(mean, self.system.difference(a.position, b.position)))

@@ -1,4 +1,4 @@
-"""Contact with planes: solves repeated with better multipliers, until contact forces and gaps agree (Uzawa's method).
+"""Contact with obstacles: solves repeated with better multipliers, until contact forces and gaps agree (Uzawa's method).
 
 At the multipliers λ a solve ends with the contact forces <λ - k g>. With these as the next multipliers the gaps of nodes in contact
 shrink by about 1/(1 + k/c), c the stiffness with which the structure resists a push on one node. k is the stiffness bound of the
@@ -7,22 +7,26 @@ node's elements at rest, which c does not exceed: gaps halve at worst, and acros
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.system import System
+from taichi_membrane.mechanics.touching import Touching
 from taichi_membrane.solvers.record import Reference, SolveRecord, force_now
 from taichi_membrane.solvers.relaxation import Relaxation
 
 # Halved so often, any gap is round-off.
 _MOST_ROUNDS = 50
+# No accepted state has a node that has passed an obstacle by more than this share of the structure's size; single precision
+# resolves a tenth of its own.
+PENETRATION = {"f64": 1e-6, "f32": 1e-5}
 
 
 class Contact:
-    """The planes of a system; without any, solves are left as they are."""
+    """The obstacles of a system; without any, solves are left as they are."""
 
     def __init__(self, system: System, relaxation: Relaxation) -> None:
         self.system, self.relaxation = system, relaxation
@@ -33,22 +37,22 @@ class Contact:
         self._bound = None
 
     def solve(self, work: Callable[[], SolveRecord], tolerance: float, reference: Reference) -> SolveRecord:
-        """Equilibrium in contact: gaps of nodes that are pushed, as forces k g, are below ``tolerance`` times ``reference``.
+        """Equilibrium in contact: gaps of nodes that are pushed, as forces k g, are below ``tolerance`` times ``reference``, and no
+        node has passed an obstacle by more than :data:`PENETRATION`.
 
         :param work: solves at the present multipliers.
         """
-        if not self.system.planes:
+        if not self.system.contacts:
             return work()
-        self._begin()
+        self.begin()
         record = work()
         for _ in range(_MOST_ROUNDS):
             if not record.converged:
                 return record
-            pushes = [one.push() for one in self.system.planes]
-            lacking = [push - one.multiplier for push, one in zip(pushes, self.system.planes, strict=True)]
-            if float(np.linalg.norm(lacking)) <= tolerance * force_now(reference):
+            now = self.system.touching()
+            if self._agrees(now, tolerance * force_now(reference)):
                 return record
-            for one, push in zip(self.system.planes, pushes, strict=True):
+            for one, push in zip(self.system.contacts, now.push, strict=True):
                 one.set(one.stiffness, push)
             again = work()
             record = replace(
@@ -56,24 +60,43 @@ class Contact:
             )
         return replace(record, converged=False, reason=f"contact forces not found in {_MOST_ROUNDS} rounds")
 
-    def _begin(self) -> None:
+    def _agrees(self, now: Touching, least: float) -> bool:
+        """Whether the contact forces are the multipliers."""
+        known = np.array([one.multiplier for one in self.system.contacts])
+        size = float(np.linalg.norm(np.ptp(self.system.structure.points, axis=0)))
+        deepest = PENETRATION["f32" if self.system.split_displacement else "f64"] * size
+        return float(np.linalg.norm(now.push - known)) <= least and now.deepest() <= deepest
+
+    def begin(self) -> None:
         """Multipliers from the present state alone, so that a run that was stopped goes on as if it had not been: what keeps
-        nodes at a plane from passing it."""
+        nodes at an obstacle from passing it."""
+        if not self.system.contacts:
+            return
         structure = self.system.structure
         if self._bound is None:
             self._bound = self._bound_at_rest()
+        self._let_go()
         force = np.where(structure.node_held, 0.0, self.system.in_frames(self.system.out_of_balance()))
-        others = self.system.from_frames(force)
-        for one in self.system.planes:
-            pressed = one.push() - others @ one.plane.normal
-            one.set(self._bound, np.maximum(pressed - self._bound * one.gap(), 0.0))
+        others, now = self.system.from_frames(force), self.system.touching()
+        for one, gap, normal in zip(self.system.contacts, now.gap, now.normal, strict=True):
+            pressed = -np.einsum("ij,ij->i", others, normal)
+            one.set(self._bound, np.maximum(pressed - self._bound * gap, 0.0))
+
+    def restore(self, multipliers: Sequence[Floats]) -> None:
+        """Set the multipliers that were found for a state."""
+        for one, multiplier in zip(self.system.contacts, multipliers, strict=True):
+            one.set(one.stiffness, multiplier)
+
+    def _let_go(self) -> None:
+        none = np.zeros(self.system.node_count)
+        for one in self.system.contacts:
+            one.set(none, none)
 
     def _bound_at_rest(self) -> Floats:
         """(node_count,) twice the masses without contact, at rest."""
         position = self.system.displacement()
         self.system.set_displacement(np.zeros_like(position))
-        for one in self.system.planes:
-            one.set(np.zeros(self.system.node_count), np.zeros(self.system.node_count))
+        self._let_go()
         bound = 2.0 * self.relaxation.masses()
         self.system.set_displacement(position)
         return bound

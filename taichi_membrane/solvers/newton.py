@@ -20,6 +20,7 @@ from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.rim import Rim, Skew, SkewFactor, symmetric
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
+from taichi_membrane.solvers.in_contact import factor_in_contact
 from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now
 from taichi_membrane.solvers.relaxation import Relaxation
 from taichi_membrane.solvers.soft_mode import scaled, softest
@@ -173,11 +174,12 @@ class Newton:
     def at_rest(self) -> Factor | None:
         """The factorised tangent at the present state, indefinite or not; None where it is singular.
 
-        It is kept, so that a load step that starts from here need not factorise again, nor who asks twice.
+        Where nodes touch obstacles it is that of the freedoms which are left to them, with the contact forces as they are. It is
+        kept, so that a load step that starts from here need not factorise again, nor who asks twice.
         """
         if self._kept is not None and self._is_here(self._kept):
             return self._kept[1]
-        factor = self.factorised(indefinite=True)
+        factor = factor_in_contact(self) if self.system.contacts else self.factorised(indefinite=True)
         self._kept = None if factor is None else (self._tangent_state(), factor)
         return factor
 
@@ -191,6 +193,8 @@ class Newton:
     def _factor_at_rest(self) -> Factor | None:
         """What :meth:`at_rest` kept, where it is still the tangent of this state."""
         kept, self._kept = self._kept, None
+        if self.system.contacts:
+            return None  # it is of fewer freedoms
         return kept[1] if kept is not None and self._is_here(kept) else None
 
     def _is_here(self, kept: tuple[tuple[Floats, ...], Factor]) -> bool:

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from taichi_membrane.assurance.verification import cables, filled, films, pressure, rigid, shrinkage, tubes, wrinkling
+from taichi_membrane.assurance.verification import (
+    cables,
+    filled,
+    films,
+    forms,
+    pressure,
+    rigid,
+    shrinkage,
+    tubes,
+    wrinkling,
+)
 from taichi_membrane.assurance.verification.benchmark import Benchmark
 from taichi_membrane.errors import InputError
 
@@ -27,6 +37,8 @@ CASES: dict[str, Callable[[], Benchmark]] = {
     "catenoid": films.catenoid,
     "scherk": films.scherk,
     "hypar": films.hypar,
+    "found_film": forms.found_film,
+    "bubble": forms.bubble,
     "catenary": cables.catenary,
     "pulley": cables.pulley,
     "balloon": filled.balloon,

@@ -1,0 +1,165 @@
+"""Rigid obstacles beside planes, which stages may move: what nodes touch without friction and do not pass."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from taichi_membrane.scene.base import LARGEST, Direction, GroupName, Positive, Record, Vector
+
+_MOST_FACETS = 200_000
+_ALONG = 1e-6  # how far two axes may be off the right angle
+
+
+class PlaneObstacle(Record):
+    """A rigid plane that a stage may move."""
+
+    kind: Literal["plane"]
+    """A plane."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    through: Vector
+    """A point of it."""
+    normal: Direction
+    """Direction of its normal, to the side where the structure is."""
+
+
+class SphereObstacle(Record):
+    """A rigid sphere, solid or hollow."""
+
+    kind: Literal["sphere"]
+    """A sphere."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    centre: Vector
+    """Its centre."""
+    radius: Positive
+    """Its radius [length]."""
+    inside: bool = False
+    """Whether it is hollow, with the structure inside."""
+
+
+class CylinderObstacle(Record):
+    """A rigid cylinder, solid or hollow, infinite or with ends."""
+
+    kind: Literal["cylinder"]
+    """A cylinder."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    centre: Vector
+    """A point of its axis, the middle where it has ends."""
+    axis: Direction
+    """Direction of its axis."""
+    radius: Positive
+    """Its radius [length]."""
+    length: Positive | None = None
+    """From end to end [length]; infinite without it."""
+    rounding: Positive | None = None
+    """Radius of the edges of its ends [length]; a twentieth of the radius, or of the length where that is shorter."""
+    inside: bool = False
+    """Whether it is hollow, with the structure inside."""
+
+    @model_validator(mode="after")
+    def _round_edges(self) -> Self:
+        if self.rounding is not None:
+            if self.length is None or self.inside:
+                raise ValueError("rounding is for the edges of a solid cylinder with a length")
+            _check_rounding(self.rounding, [2.0 * self.radius, self.length])
+        return self
+
+
+class BoxObstacle(Record):
+    """A rigid box, solid with rounded edges, or hollow."""
+
+    kind: Literal["box"]
+    """A box."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    centre: Vector
+    """Its centre."""
+    size: tuple[Positive, Positive, Positive]
+    """Lengths of its sides along its own axes [length]."""
+    axis_x: Direction = (1.0, 0.0, 0.0)
+    """Direction of its first side."""
+    axis_z: Direction = (0.0, 0.0, 1.0)
+    """Direction of its third side, at right angles to the first."""
+    rounding: Positive | None = None
+    """Radius of its edges [length]; a twentieth of its shortest side without it."""
+    inside: bool = False
+    """Whether it is hollow, with the structure inside."""
+
+    @model_validator(mode="after")
+    def _right_angles(self) -> Self:
+        sizes = math.hypot(*self.axis_x) * math.hypot(*self.axis_z)
+        cosine = sum(a * b for a, b in zip(self.axis_x, self.axis_z, strict=True)) / sizes
+        if abs(cosine) > _ALONG:
+            angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+            raise ValueError(
+                f"axis_x = {list(self.axis_x)} and axis_z = {list(self.axis_z)} make {angle:.6g} degrees, not 90"
+            )
+        if self.rounding is not None:
+            if self.inside:
+                raise ValueError("rounding is for the edges of a solid box")
+            _check_rounding(self.rounding, self.size)
+        return self
+
+
+class SurfaceObstacle(Record):
+    """A rigid triangulated surface, from a mesh file or given; its normals are those of counter-clockwise winding."""
+
+    kind: Literal["surface"]
+    """A triangulated surface."""
+    group: GroupName = "all"
+    """Nodes that it holds up; ``all`` is every node."""
+    direction: Direction | None = None
+    """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    path: str | None = None
+    """Mesh file, relative to the scene's; all its triangles count."""
+    scale: Positive = 1.0
+    """Factor on the coordinates of the file."""
+    points: Annotated[list[Vector], Field(min_length=3, max_length=_MOST_FACETS)] | None = None
+    """Its points, in place of a file."""
+    triangles: (
+        Annotated[
+            list[tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]],
+            Field(min_length=1, max_length=_MOST_FACETS),
+        ]
+        | None
+    ) = None
+    """Numbers, from 0, of the three ``points`` of each triangle."""
+    face: Literal["front", "back"] = "front"
+    """Side where the structure is: to which the normals point, or the other one."""
+    offset: Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)] = 0.0
+    """Distance from the surface at which nodes touch, which rounds its edges [length]."""
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        given = self.points is not None, self.triangles is not None
+        if given != (self.path is None,) * 2:
+            raise ValueError("give path, or both points and triangles")
+        for number, corners in enumerate(self.triangles or ()):
+            if max(corners) >= len(self.points or ()):
+                raise ValueError(
+                    f"triangles: number {number} names point {max(corners)}, but there are {len(self.points or ())}"
+                )
+        return self
+
+
+Obstacle = Annotated[
+    PlaneObstacle | SphereObstacle | CylinderObstacle | BoxObstacle | SurfaceObstacle, Field(discriminator="kind")
+]
+
+
+def _check_rounding(rounding: float, sides: list[float] | tuple[float, ...]) -> None:
+    if 2.0 * rounding > min(sides):
+        raise ValueError(f"rounding = {rounding:g} is more than half the shortest side, {min(sides):g}")
