@@ -17,7 +17,7 @@ from taichi_membrane.solvers.relaxation import Relaxation
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
 PLAIN: dict[str, Any] = {"tri_chamber": np.full(20, -1, dtype=np.int32)}
-OPTIONAL = ("tri_fabric", "fabric_variant", "prestrain", "chamber_pressure", "tri_chamber", "node_load")
+OPTIONAL = ("tri_fabric", "fabric_variant", "fabric_prestrain", "chamber_pressure", "tri_chamber", "node_load")
 TRAPS = {
     "tension_field": fabric,
     "wrinkled_stress": fabric,
@@ -89,7 +89,7 @@ def test_fields_exist_exactly_where_a_feature_is_used() -> None:
             {"tri_fabric", "fabric_variant", "chamber_pressure"},
             {"fabrics": (ISOTROPIC, law("clip")), "tri_fabric": half, "tri_chamber": 0 * half},
         ),
-        ({"prestrain", "chamber_pressure", "tri_chamber"}, {"fabrics": (stressed,), "tri_chamber": half - 1}),
+        ({"fabric_prestrain", "chamber_pressure", "tri_chamber"}, {"fabrics": (stressed,), "tri_chamber": half - 1}),
     ]
     for expected, parts in cases:
         system = System(closed_body(ISOTROPIC, **{**PLAIN, **parts}))

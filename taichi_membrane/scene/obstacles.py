@@ -17,7 +17,7 @@ class PlaneObstacle(Record):
     """A rigid plane that a stage may move."""
 
     kind: Literal["plane"]
-    """A plane."""
+    """The obstacle is a plane."""
     group: GroupName = "all"
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
@@ -32,7 +32,7 @@ class SphereObstacle(Record):
     """A rigid sphere, solid or hollow."""
 
     kind: Literal["sphere"]
-    """A sphere."""
+    """The obstacle is a sphere."""
     group: GroupName = "all"
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
@@ -49,7 +49,7 @@ class CylinderObstacle(Record):
     """A rigid cylinder, solid or hollow, infinite or with ends."""
 
     kind: Literal["cylinder"]
-    """A cylinder."""
+    """The obstacle is a cylinder."""
     group: GroupName = "all"
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
@@ -80,7 +80,7 @@ class BoxObstacle(Record):
     """A rigid box, solid with rounded edges, or hollow."""
 
     kind: Literal["box"]
-    """A box."""
+    """The obstacle is a box."""
     group: GroupName = "all"
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
@@ -118,7 +118,7 @@ class SurfaceObstacle(Record):
     """A rigid triangulated surface, from a mesh file or given; its normals are those of counter-clockwise winding."""
 
     kind: Literal["surface"]
-    """A triangulated surface."""
+    """The obstacle is a triangulated surface."""
     group: GroupName = "all"
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
