@@ -114,10 +114,10 @@ FIELDS: tuple[Field, ...] = (
         name="reaction", place="node", meaning="support force, of springs to the ground too; zero elsewhere",
         unit="force", components=_XYZ,
     ),
-    Field(name="contact_force", place="node", meaning="force of planes and obstacles", unit="force", components=_XYZ),
+    Field(name="contact_force", place="node", meaning="force of obstacles", unit="force", components=_XYZ, optional=True),
     Field(
         name="contact_pressure", place="node", meaning="contact pressure", unit="stress", picture="scale",
-        value=lambda present: present.contact_pressure,
+        optional=True, value=lambda present: present.contact_pressure,
     ),
     Field(name="state", place="element", meaning="0 taut, 1 wrinkled, 2 slack", whole=True, picture="states"),
     Field(name="fold_strain", place="element", meaning="strain in folds", picture="scale"),

@@ -242,22 +242,25 @@ class Scene(Record):
 
     @property
     def extra_fields(self) -> tuple[str, ...]:
-        """Names of the optional fields that its runs have: what differs from element to element, and stress-free strain."""
+        """Names of the optional fields that its runs have: what differs by element, stress-free strain, contact."""
         fabrics = [*self.fabrics.values(), *([] if self.fabric is None else [self.fabric])]
         has = {
             "thickness": any(isinstance(one.thickness, ElementField) for one in fabrics),
             "prestress": any(isinstance(one.prestress, ElementField) for one in fabrics),
             "free_strain": bool(self.shrinkages or self.temperatures),
+            "contact_force": bool(self.touchable),
+            "contact_pressure": bool(self.touchable),
         }
         return tuple(name for name, there in has.items() if there)
 
     def check_picture(self, name: str) -> None:
         """Refuse a field that pictures can show, but not of this scene."""
         if fields.named(name).optional and name not in self.extra_fields:
-            needs = {"thickness": "a thickness by element data", "prestress": "a prestress by element data"}
-            raise ValueError(
-                f"camera.field: {name!r} needs {needs.get(name, 'shrinkages or temperatures')} in the scene"
-            )
+            needs = {
+                "thickness": "a thickness by element data", "prestress": "a prestress by element data",
+                "free_strain": "shrinkages or temperatures",
+            }  # fmt: skip
+            raise ValueError(f"camera.field: {name!r} needs {needs.get(name, 'planes or obstacles')} in the scene")
 
     def _check_masses(self, user: str) -> None:
         """Refuse a fabric without a mass."""
