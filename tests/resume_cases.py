@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
+
+import pytest
+
+import taichi_membrane as tm
+from taichi_membrane.execution.observer import Silent
+from taichi_membrane.simulation.results import StepResult
 
 ROOT = Path(__file__).resolve().parent.parent
 # Inflated, then bent and pushed until it wrinkles: Newton in double precision, relaxation in single.
@@ -50,3 +57,21 @@ def environment(cwd: Path) -> dict[str, str]:
     tests = os.pathsep.join((str(ROOT), str(ROOT / "tests")))
     own = {"PYTHONPATH": tests, "PATH": "/usr/bin", "HOME": str(cwd), "LC_ALL": "C.UTF-8"}
     return own | {key: value for key, value in os.environ.items() if key == "TI_OFFLINE_CACHE_FILE_PATH"}
+
+
+class _Impatient(Silent):
+    """Stops a run after a step."""
+
+    def __init__(self, last: int) -> None:
+        self.last = last
+
+    def step_done(self, step: StepResult) -> None:
+        """Stop."""
+        if step.number == self.last:
+            raise KeyboardInterrupt
+
+
+def run_until(last: int, scene: tm.Scene, **options: Any) -> None:
+    """Run a scene and stop it after a step, as Ctrl-C does."""
+    with pytest.raises(KeyboardInterrupt):
+        tm.run(scene, observer=_Impatient(last), **options)

@@ -10,19 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from resume_cases import ROOT, environment
+from resume_cases import ROOT, environment, run_until
 from scipy.optimize import brentq
 from test_body_scenes import MAST, hexapod, probed, tube
 
 import taichi_membrane as tm
-from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.model import build_mesh, build_model
-from taichi_membrane.simulation.results import StepResult
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
@@ -227,13 +225,7 @@ def test_a_run_goes_on_with_its_bodies_where_they_were(tmp_path: Path) -> None:
     whole = tm.run(scene, out=tmp_path / "whole", render=False)
     part = tmp_path / "part"
 
-    class Impatient(Silent):
-        def step_done(self, step: StepResult) -> None:
-            if step.number == 1:
-                raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        tm.run(scene, out=part, render=False, observer=Impatient())
+    run_until(1, scene, out=part, render=False)
     resumed = tm.resume(part)
     assert len(resumed.steps) == len(whole.steps) == 4
     for one, other in zip(resumed.steps, whole.steps, strict=True):

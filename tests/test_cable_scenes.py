@@ -8,6 +8,7 @@ from typing import Any
 import meshio
 import numpy as np
 import pytest
+from resume_cases import run_until
 from run_files import same
 from test_cables import scene
 from test_members import hanging, rope
@@ -15,7 +16,6 @@ from test_page import content, decode, page
 
 import taichi_membrane as tm
 from taichi_membrane.errors import InputError
-from taichi_membrane.execution.observer import Observer
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.members import line_elements
@@ -57,7 +57,7 @@ def test_files_hold_cables_as_lines_with_their_forces_and_a_stopped_run_goes_on(
     saved = read_run(tmp_path / "whole")
     assert all(same(one, other) for one, other in zip(saved.steps, result.steps, strict=True))
     assert saved.mesh.node_groups.keys() == result.mesh.node_groups.keys()
-    stop_after_first(tmp_path / "part")
+    run_until(0, guyed(), out=tmp_path / "part", render=False)
     resumed = tm.resume(tmp_path / "part", render=False)
     assert np.array_equal(resumed.steps[-1].displacement, step.displacement)
     assert np.array_equal(resumed.steps[-1].cable_forces, step.cable_forces)
@@ -73,17 +73,6 @@ def test_a_run_with_lines_of_its_mesh_is_read_back(tmp_path: Path) -> None:
     assert model.structure.cables is not None
     assert np.array_equal(model.structure.cables.nodes, [[4, 5], [5, 6], [6, 7], [7, 8]])
     assert same(saved.steps[0], result.steps[0])
-
-
-def stop_after_first(directory: Path) -> None:
-    """A run that ends with its first load step, as by an interrupt."""
-
-    class Stop(Observer):
-        def step_done(self, step: Any) -> None:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        tm.run(guyed(), out=directory, render=False, observer=Stop())
 
 
 BAD: list[tuple[dict[str, Any], str]] = [

@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from differences import check_components
 from test_members import catenary
 
 import taichi_membrane as tm
 from taichi_membrane.mechanics.preparation import FabricConstants, Ropes, Springs
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
-from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
-from taichi_membrane.solvers.relaxation import Relaxation
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
@@ -159,26 +158,6 @@ def alone(ropes: Ropes | None = None, springs: Springs | None = None) -> System:
     return system
 
 
-def check_differences(system: System) -> None:
-    """Forces come from the energy, the tangent from the forces, and masses bound it."""
-    u, step = system.displacement(), 1e-6
-    matrix, balance = Tangent(system).matrix().toarray(), system.out_of_balance().ravel()
-    slope, differences = np.zeros(15), np.zeros((15, 15))
-    for k in range(15):
-        energies, balances = [], []
-        for sign in (1.0, -1.0):
-            system.set_displacement(u + sign * step * np.eye(15)[k].reshape(5, 3))
-            energies.append(system.potential_energy(np.zeros((5, 3)))[0])
-            balances.append(system.out_of_balance().ravel())
-        slope[k] = (energies[0] - energies[1]) / (2 * step)
-        differences[:, k] = (balances[1] - balances[0]) / (2 * step)
-    assert np.abs(slope + balance).max() < 1e-7 * np.abs(balance).max()
-    assert np.abs(differences - matrix).max() < 1e-7 * np.abs(matrix).max()
-    system.set_displacement(u)
-    four_masses = 4.0 * np.repeat(Relaxation(system).masses(), 3)
-    assert np.linalg.eigvalsh(np.diag(four_masses) - matrix).min() > 0.0
-
-
 @pytest.mark.parametrize("length", [0.8, 3.0], ids=["taut", "slack"])
 def test_forces_of_sliding_cables_come_from_their_energy_and_masses_bound_them(length: float) -> None:
     """An open one, a closed one and one of a single piece; they pass along edges and across them, and share nodes."""
@@ -196,7 +175,7 @@ def test_forces_of_sliding_cables_come_from_their_energy_and_masses_bound_them(l
     assert forces.shape == (7,)
     assert (forces[:6] > 0.0).all() == (length < 1.0)
     assert np.ptp(forces[:3]) == 0.0
-    check_differences(system)
+    check_components(system, to=1e-7)
 
 
 def test_forces_of_springs_come_from_their_energy_and_masses_bound_them() -> None:
@@ -210,7 +189,7 @@ def test_forces_of_springs_come_from_their_energy_and_masses_bound_them() -> Non
         kind=np.array([0, 0, 1, -1, 1, -1]),
     )
     system = alone(springs=springs)
-    check_differences(system)
+    check_components(system, to=1e-7)
     assert system.springs is not None
     u = system.displacement()
     works = np.einsum("ij,ij->i", u[springs.nodes], springs.direction) * springs.kind

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from resume_cases import run_until
 from rich.console import Console
 from run_files import different, outcome, same
 from scipy.optimize import brentq
@@ -19,12 +20,10 @@ from test_page import content, decode
 
 import taichi_membrane as tm
 from taichi_membrane.commands.printing import print_model
-from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.model import build_mesh, build_model
-from taichi_membrane.simulation.results import StepResult
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
@@ -213,17 +212,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory, runtime_cpu: Any) -> Path
     return directory
 
 
-class Impatient(Silent):
-    """Stops a run after a step."""
-
-    def __init__(self, last: int) -> None:
-        self.last = last
-
-    def step_done(self, step: StepResult) -> None:
-        if step.number == self.last:
-            raise KeyboardInterrupt
-
-
 def test_a_run_of_all_of_them_goes_on_to_the_last_bit(finished: Path, tmp_path: Path) -> None:
     """Stopped before and after the valve opened; files, pictures included, are those of the run that was not stopped."""
     steps = read_run(finished).steps
@@ -231,8 +219,7 @@ def test_a_run_of_all_of_them_goes_on_to_the_last_bit(finished: Path, tmp_path: 
     assert all(step.stable for step in steps)
     for last in (0, 2):
         folder = tmp_path / f"cut_{last}"
-        with pytest.raises(KeyboardInterrupt):
-            tm.run(whole(), out=folder, observer=Impatient(last))
+        run_until(last, whole(), out=folder)
         resumed = tm.resume(folder)
         for one, other in zip(resumed.steps, steps, strict=True):
             assert same(replace(one, seconds=0.0), replace(other, seconds=0.0))

@@ -8,13 +8,13 @@ from typing import Any
 import meshio
 import numpy as np
 import pytest
+from resume_cases import run_until
 from run_files import different, outcome, same
 from typer.testing import CliRunner
 
 import taichi_membrane as tm
 from taichi_membrane.commands.cli import app
 from taichi_membrane.errors import InputError
-from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mesh import Mesh, read_mesh
@@ -23,7 +23,7 @@ from taichi_membrane.page.content import head_and_block
 from taichi_membrane.scene import Scene
 from taichi_membrane.shapes import panel
 from taichi_membrane.simulation.model import build_mesh, build_model
-from taichi_membrane.simulation.results import RunResult, StepResult
+from taichi_membrane.simulation.results import RunResult
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
@@ -121,10 +121,6 @@ def test_warp_and_coefficients_by_element_are_those_of_groups_digit_for_digit() 
 
 
 def test_a_stopped_run_goes_on_to_the_same_bytes_and_keeps_the_data_it_uses(tmp_path: Path) -> None:
-    class Impatient(Silent):
-        def step_done(self, step: StepResult) -> None:
-            raise KeyboardInterrupt
-
     rng = np.random.default_rng(3)
     fields = {"t": rng.uniform(0.2, 0.5, 32), "my pre": rng.uniform(1.0, 5.0, (32, 2)), "other": np.ones(32)}
     asked = scene({"thickness": {"field": "t"}, "prestress": {"field": "my pre"}, "warp": {"along": "spine"}})
@@ -137,8 +133,7 @@ def test_a_stopped_run_goes_on_to_the_same_bytes_and_keeps_the_data_it_uses(tmp_
     assert whole.converged
     assert whole.mesh.tri_fields.keys() == {"t", "my pre", "along:spine"}
     assert whole.mesh.notes == ("element data not used by the scene: other",)
-    with pytest.raises(KeyboardInterrupt):
-        run(asked, mesh=mesh, out=tmp_path / "part", render=False, observer=Impatient())
+    run_until(0, asked, mesh=mesh, out=tmp_path / "part", render=False)
     tm.resume(tmp_path / "part")
     assert different(outcome(tmp_path / "whole"), outcome(tmp_path / "part")) == []
 

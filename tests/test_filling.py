@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from boxes import two_cells
+from resume_cases import run_until
 from scipy.optimize import brentq
 from test_gas import AMBIENT, SQUEEZE, sphere
 
 import taichi_membrane as tm
-from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.scene import Scene
@@ -196,17 +196,6 @@ def _steps(scene: Scene, count: int) -> list[dict[str, Any]]:
     return [stage.model_dump(mode="json") | {"steps": count} for stage in scene.stages]
 
 
-class Impatient(Silent):
-    """Stops a run after a step."""
-
-    def __init__(self, last: int) -> None:
-        self.last = last
-
-    def step_done(self, step: StepResult) -> None:
-        if step.number == self.last:
-            raise KeyboardInterrupt
-
-
 @pytest.mark.parametrize("control", ["load", "arc_length"])
 def test_a_run_goes_on_with_what_a_valve_has_let_out(control: str, tmp_path: Path) -> None:
     """Stopped after each step; and by arc length it ends as under load control."""
@@ -220,8 +209,7 @@ def test_a_run_goes_on_with_what_a_valve_has_let_out(control: str, tmp_path: Pat
     opened = next(step.number for step in whole.steps if step.relieved)
     for last in (opened, opened + 1):
         folder = tmp_path / f"cut_{last}"
-        with pytest.raises(KeyboardInterrupt):
-            tm.run(scene, out=folder, render=False, observer=Impatient(last))
+        run_until(last, scene, out=folder, render=False)
         again = tm.resume(folder, render=False)
         for one, other in zip(again.steps, whole.steps, strict=True):
             assert np.array_equal(one.displacement, other.displacement)

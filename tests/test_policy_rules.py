@@ -65,6 +65,28 @@ def test_a_snap_is_seen_from_a_twentieth_of_the_stiffness_on(rise: float, seen: 
         assert result.steps[-1].probes["small"] < -2.0 * rise
 
 
+@pytest.mark.parametrize("looks", [True, False])
+def test_a_smooth_step_is_taken_at_once_where_halfway_is_as_foreseen(
+    looks: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From three times its rise to near its limit a tent's λ(P), a cubic, has e = 0.1; without a look halfway it is cut."""
+    if not looks:
+        monkeypatch.setattr(Way, "foreseen", lambda *_: False)
+    result = tent().run(loads(tent=borne(3.0)) | {"steps": 8}, loads(tent=0.9))
+    assert (events(result.steps[-1]) == ["load control"]) == looks
+    assert ("bisected" in events(result.steps[-1])) != looks
+    assert 1.0 + result.steps[-1].probes["tent"] == pytest.approx(height_at(0.9), rel=1e-4)
+
+
+def test_a_cubic_that_snaps_through_is_not_foreseen() -> None:
+    """Halfway on it lies an equilibrium, an unstable one: the limit is found all the same."""
+    result = tent().run(loads(tent=borne(3.0)) | {"steps": 8}, loads(tent=1.2))
+    assert result.outcome == "collapse"
+    limit = result.steps[-1].limit
+    assert limit is not None
+    assert limit["load.tent"][0] <= 1.0 <= limit["load.tent"][1]
+
+
 # ---- softness
 
 

@@ -205,7 +205,7 @@ def test_forces_are_the_slope_of_the_energy_and_the_tangent_is_theirs() -> None:
     def at(displacement: np.ndarray) -> tuple[np.ndarray, float]:
         newton.system.set_displacement(displacement)
         work.equilibrium.press(state)
-        energy = newton.system.potential_energy(np.zeros_like(u))[0] + filling.contents.energy()  # type: ignore[union-attr]
+        energy = newton.system.potential_energy(np.zeros_like(u))[0] + filling.contents.energy()[0]  # type: ignore[union-attr]
         return newton.free_force(), energy
 
     force, _ = at(u)

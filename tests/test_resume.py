@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from resume_cases import NO_MOTION, RELAXATION, SCENE
+from resume_cases import NO_MOTION, RELAXATION, SCENE, run_until
 from run_files import different, outcome, same
 from typer.testing import CliRunner, Result
 
@@ -22,11 +22,10 @@ import taichi_membrane as tm
 from taichi_membrane.commands.cli import app
 from taichi_membrane.device import runtime
 from taichi_membrane.device.runtime import Runtime
-from taichi_membrane.execution.observer import Observer, Silent
+from taichi_membrane.execution.observer import Observer
 from taichi_membrane.output import atomic
 from taichi_membrane.output.reader import read_run, summary_checksum
 from taichi_membrane.scene import GivenMesh
-from taichi_membrane.simulation.results import StepResult
 
 
 @pytest.fixture
@@ -100,15 +99,9 @@ def test_a_full_disk_ends_with_2_and_one_line_and_the_run_goes_on_later(
 
 
 def test_a_run_stopped_from_python_goes_on_without_its_mesh_object(whole: Path, tmp_path: Path) -> None:
-    class Impatient(Silent):
-        def step_done(self, step: StepResult) -> None:
-            if step.number == 1:
-                raise KeyboardInterrupt
-
     saved = read_run(whole)
     scene = saved.scene.model_copy(update={"mesh": GivenMesh(shape="given")})
-    with pytest.raises(KeyboardInterrupt):
-        tm.run(scene, mesh=saved.mesh, out=tmp_path / "run", render=False, observer=Impatient())
+    run_until(1, scene, mesh=saved.mesh, out=tmp_path / "run", render=False)
     assert len(read_run(tmp_path / "run").steps) == 2
     forge(tmp_path / "run", lambda summary: summary["seconds"].update(solve=1000.0))
     result = tm.resume(tmp_path / "run", render=False)

@@ -11,18 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 from bodies import ISOTROPIC, ORTHOTROPIC, closed_body, law
+from resume_cases import run_until
 from run_files import different, outcome
 from test_rim import crumpled, modelled
 
 import taichi_membrane as tm
 from taichi_membrane.errors import InputError
-from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run, summarise
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.parametric.measured import Measured, at_readings, reading_steps
 from taichi_membrane.scene import Scene, Stage
-from taichi_membrane.simulation.results import StepResult
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 
@@ -276,17 +275,11 @@ def test_single_precision_agrees() -> None:
 
 
 def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
-    class Impatient(Silent):
-        def step_done(self, step: StepResult) -> None:
-            if step.number == 1:
-                raise KeyboardInterrupt
-
     whole = run(tent(0.3, 20.0), out=tmp_path / "whole", render=False)
     assert whole.converged
     header = (tmp_path / "whole/history.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert {"shrinkage.cure", "temperature.sun [K]"} <= set(header)
-    with pytest.raises(KeyboardInterrupt):
-        run(tent(0.3, 20.0), out=tmp_path / "part", render=False, observer=Impatient())
+    run_until(1, tent(0.3, 20.0), out=tmp_path / "part", render=False)
     tm.resume(tmp_path / "part")
     assert different(outcome(tmp_path / "whole"), outcome(tmp_path / "part")) == []
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bodies import ISOTROPIC, closed_body
+from resume_cases import run_until
 from run_files import different, outcome
 from scipy.optimize import fsolve
 from test_rim import modelled
@@ -15,13 +16,11 @@ from test_snow import assert_work, crumpled, whole_tangent
 
 import taichi_membrane as tm
 from taichi_membrane.errors import InputError
-from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import run
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.model import build_mesh
-from taichi_membrane.simulation.results import StepResult
 from taichi_membrane.simulation.solver_choice import without_potential
 from taichi_membrane.simulation.surface_loads import surface_loads_of
 
@@ -225,11 +224,6 @@ def test_where_no_wind_blows_nothing_is_compiled() -> None:
 def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     """Weight, snow, wind and water in one run, its columns named with their units."""
 
-    class Impatient(Silent):
-        def step_done(self, step: StepResult) -> None:
-            if step.number == 1:
-                raise KeyboardInterrupt
-
     loads = {
         "own": {"kind": "weight", "g": 9.81},
         "snow": {"kind": "snow"},
@@ -247,8 +241,7 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     assert whole.converged
     header = (tmp_path / "whole/history.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert {"load.own", "load.snow [N/m²]", "load.wind", "load.water [m]"} <= set(header)
-    with pytest.raises(KeyboardInterrupt):
-        run(scene, out=tmp_path / "part", render=True, observer=Impatient())
+    run_until(1, scene, out=tmp_path / "part", render=True)
     tm.resume(tmp_path / "part")
     assert different(outcome(tmp_path / "whole"), outcome(tmp_path / "part")) == []
 

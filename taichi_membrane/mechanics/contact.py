@@ -10,6 +10,8 @@ Each kind of obstacle (:mod:`planes`, :mod:`obstacles`, :mod:`surface_contact`) 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 
 from taichi_membrane.device.language import ti
@@ -20,7 +22,7 @@ from taichi_membrane.mechanics.structure import Structure
 
 
 @ti.data_oriented
-class ContactTerm:
+class ContactTerm(ABC):
     """Fields and device code that all obstacles have; a node term, see :mod:`taichi_membrane.mechanics.terms`."""
 
     def __init__(self, nodes: Nodes, structure: Structure, number: int) -> None:
@@ -48,9 +50,9 @@ class ContactTerm:
         self.rest_gap = self.settle(self.points, value * self.obstacle.motion)
         self.set(self.stiffness, self.multiplier)
 
+    @abstractmethod
     def settle(self, points: Floats, offset: Floats) -> Floats:
         """(node_count,) gaps at rest of an obstacle moved by ``offset``, as far as its kind uses them."""
-        raise NotImplementedError
 
     def set(self, stiffness: Floats, multiplier: Floats) -> None:
         """Set k and λ of each node, (node_count,); nodes that the obstacle does not hold up get none."""

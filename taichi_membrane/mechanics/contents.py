@@ -30,14 +30,20 @@ class Contents:
                 values[pond.number] = pond.level(displacement)
         self.system.set_surface_loads(values)
 
-    def energy(self) -> float:
-        """What the potential energy lacks that takes the present pressures and levels for constant ones."""
-        values, total = self.system.surface_loads(), 0.0
+    def energy(self) -> tuple[float, float]:
+        """What the potential energy lacks that takes the present pressures and levels for constant ones.
+
+        And the size of the terms that it is the difference of, whose rounding it has.
+        """
+        values, total, size = self.system.surface_loads(), 0.0, 0.0
         for chamber, volume in zip(self.chambers, self.volumes(), strict=True):
-            total += values[chamber.numbers[0]] * (volume - chamber.rest_volume) - chamber.work(volume)
+            pressure = values[chamber.numbers[0]]
+            total += pressure * (volume - chamber.rest_volume) - chamber.work(volume)
+            size += (abs(pressure) + chamber.ambient) * (volume + chamber.rest_volume)
         for pond in self.ponds:
-            total += pond.weight * values[pond.number] * pond.volume
-        return total
+            held = pond.weight * values[pond.number] * pond.volume
+            total, size = total + held, size + abs(held)
+        return total, size
 
     def rank_one(self) -> list[RankOne]:
         """What they add to the tangent at constant pressures and levels."""

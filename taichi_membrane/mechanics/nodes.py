@@ -91,6 +91,8 @@ class Nodes:
         if self.split_displacement:
             self._set_quantum()
         self.set_displacement(np.zeros((self.node_count, 3)))
+        self.loads = np.full((self.node_count, 3), np.nan)
+        self.set_loads(np.zeros((self.node_count, 3)))
 
     @ti.kernel
     def _write_nodes(self, rest: Array, held: Array, slot_start: Array, slots: Array, bounds: Array):
@@ -212,7 +214,7 @@ class Nodes:
 
     def set_loads(self, loads: Floats) -> None:
         """Set the dead nodal forces, (node_count, 3)."""
-        if self.features.loads:
+        if self.features.loads and not np.array_equal(loads, self.loads):
             self.loads = np.array(loads, dtype=np.float64)
             fill(self.node_load, self.loads.astype(self.dtype))
 

@@ -38,8 +38,8 @@ class Pressure:
     def upload(self, structure: Structure) -> None:
         """Take over a structure's chambers."""
         self.chamber_count, self.wind = structure.chamber_count, structure.wind
-        if self.wind is not None:
-            self.blow(np.zeros(self.wind.shape[1]))
+        self.now: Floats | None = None
+        self.set(np.zeros(structure.pressure_count))
         if self.kind == "by_chamber":
             fill(self.tri_chamber, structure.tri_chamber.astype(np.int32))
         if self.kind == "by_side":
@@ -68,20 +68,15 @@ class Pressure:
 
     def set(self, values: Floats) -> None:
         """Set each chamber's pressure (force per area) and, after them, each wind's value."""
+        if self.now is not None and np.array_equal(values, self.now):
+            return
+        self.now = np.array(values)
         if self.kind != "none":
-            fill(self.chamber_pressure, np.asarray(values[: self.chamber_count], dtype=self.dtype))
+            fill(self.chamber_pressure, self.now[: self.chamber_count].astype(self.dtype))
         if self.wind is not None:
-            self.blow(values[self.chamber_count :])
-
-    def blow(self, values: Floats) -> None:
-        """Set each wind's value."""
-        assert self.wind is not None  # there is none else
-        self.wind_now = np.array(values)
-        fill(self.tri_wind, (self.wind @ self.wind_now).astype(self.dtype))
+            fill(self.tri_wind, (self.wind @ self.now[self.chamber_count :]).astype(self.dtype))
 
     def values(self) -> Floats:
         """(pressure_count,) present pressures, and values of winds."""
-        chambers = np.zeros(0)
-        if self.kind != "none":
-            chambers = self.chamber_pressure.to_numpy()[: self.chamber_count]
-        return chambers if self.wind is None else np.concatenate([chambers, self.wind_now])
+        assert self.now is not None  # since upload
+        return self.now.copy()

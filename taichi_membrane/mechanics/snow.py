@@ -37,19 +37,21 @@ class Snow:
     def upload(self, structure: Structure) -> None:
         """Take over a structure's loads, with nothing lying there."""
         self.loads = structure.snow
+        self.now: Floats | None = None
         if self.loads is not None:
             self.snow_direction[None] = self.loads.direction.tolist()
             self.set(np.zeros(self.loads.share.shape[1]))
 
     def set(self, values: Floats) -> None:
         """Set each load's value (force per plan area)."""
-        if self.loads is not None:
-            self.now = np.array(values)
-            fill(self.tri_snow, (self.loads.share @ self.now).astype(self.dtype))
+        if self.loads is None or (self.now is not None and np.array_equal(values, self.now)):
+            return
+        self.now = np.array(values)
+        fill(self.tri_snow, (self.loads.share @ self.now).astype(self.dtype))
 
     def values(self) -> Floats:
         """Present values."""
-        return np.zeros(0) if self.loads is None else self.now
+        return np.zeros(0) if self.now is None else self.now
 
     @ti.func
     def bound(self, t):

@@ -154,7 +154,7 @@ class Structure:
         """Number of nodes."""
         return self.mesh.node_count
 
-    @property
+    @cached_property
     def chamber_count(self) -> int:
         """Number of pressures."""
         ahead = -1 if self.tri_ahead is None else int(self.tri_ahead.max())

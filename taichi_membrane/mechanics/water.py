@@ -42,24 +42,26 @@ class WaterTerm:
     def upload(self, structure: Structure) -> None:
         """Take over a structure's liquids, at level zero."""
         self.liquids = structure.water
+        self.now: Floats | None = None
         if self.used:
             fill(self.tri_water, np.column_stack([one.weight for one in self.liquids]).astype(self.dtype))
             self.set(np.zeros(self.kinds))
 
     def set(self, values: Floats) -> None:
         """Set each level, above its floor."""
-        if self.used:
-            self.now = np.array(values)
-            # Nodes are stored from the structure's middle.
-            heights = [
-                one.level(value) - one.up @ self.nodes.origin for one, value in zip(self.liquids, values, strict=True)
-            ]
-            planes = np.column_stack([np.array([one.up for one in self.liquids]), heights])
-            fill(self.water_level, planes.astype(self.dtype))
+        if not self.used or (self.now is not None and np.array_equal(values, self.now)):
+            return
+        self.now = np.array(values)
+        # Nodes are stored from the structure's middle.
+        heights = [
+            one.level(value) - one.up @ self.nodes.origin for one, value in zip(self.liquids, values, strict=True)
+        ]
+        planes = np.column_stack([np.array([one.up for one in self.liquids]), heights])
+        fill(self.water_level, planes.astype(self.dtype))
 
     def values(self) -> Floats:
         """Present levels."""
-        return self.now if self.used else np.zeros(0)
+        return np.zeros(0) if self.now is None else self.now
 
     @ti.func
     def depths(self, corners, k: ti.template()):

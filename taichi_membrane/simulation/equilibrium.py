@@ -39,6 +39,10 @@ _LEAST_REFERENCE = 1e-3
 # gathers some six triangles, each of three corners and as many sides.
 _ROUND_OFFS = 50.0
 
+# Largest stress over the modulus that is none: rounding of a side's length leaves 1e-15, and a mesh that has not moved has exactly
+# none, so that no verdict hangs on the size between these and the strains of a load, 1e-3 in an inflated tube.
+_NO_STRESS = 1e-13
+
 # How many nodes a step that fails names.
 _WORST_NODES = 3
 
@@ -237,6 +241,11 @@ class Equilibrium:
         eps = float(np.finfo(self.system.dtype).eps)
         ends = sum(self.system.self_stress_norm(self.model.growth_values(one)) for one in (before, after))
         return lambda share: _ROUND_OFFS * eps * (self.system.stress_norm() / share + ends)
+
+    def carries_nothing(self) -> bool:
+        """Whether the fabric is without stress at the present state."""
+        stiffest = max(max(fabric.e_warp, fabric.e_weft) for fabric in self.model.structure.fabrics)
+        return float(np.abs(self.system.element_state().stress).max(initial=0.0)) <= _NO_STRESS * stiffest
 
     def relieved(self, way: Way, share: float) -> bool:
         """Whether what acts at the start of a way has gone at a share of it, but for less than its path is followed to."""

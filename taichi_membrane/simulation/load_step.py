@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 
 # A branch is looked for so many times further away when there is none yet.
 _NEARER = 4.0
-# Largest stress over the modulus that is none: rounding of a side's length leaves 1e-15, and a mesh that has not moved has exactly
-# none, so that no verdict hangs on the size between these and the strains of a load, 1e-3 in an inflated tube.
-_NO_STRESS = 1e-13
 
 
 class LoadStep:
@@ -70,7 +67,7 @@ class LoadStep:
             self.equilibrium.reference(self.way.after)
         )
         origin = self.way.rest(0.0) if balanced else None
-        if origin is not None and origin.stable and self.system.rigid and self.way.stays(origin):
+        if origin is not None and origin.stable and self.way.stays(origin):
             return self._stand(origin)
         if origin is None or not origin.stable or origin.stiffness is None:
             return self._direct()
@@ -125,21 +122,20 @@ class LoadStep:
 
     def _attempt(self, a: Rest, aim: float, known: Rest | None) -> tuple[Rest | None, str]:
         """A stable equilibrium at an aim and how it compares with the last one; none, and ``failed``, where Newton finds none."""
-        if known is not None and (kind := self._compare(a, known)) in ("consistent", "unknown"):
+        if known is not None and (kind := self._told(a, known)) in ("consistent", "unknown"):
             return known, kind
         self.system.set_displacement(a.position)
         b = self._solve(aim)
         if b is None or b.negative:
             return None, "failed"
-        kind = self._compare(a, b)
+        kind = self._told(a, b)
         if kind == "jump" and self.pathless and aim - a.share > 2.0**-self.policy.parts:
             kind = "curved"  # no path to follow: find the jump as nearly as parts can be
         return b, kind
 
     def _at_apex(self, a: Rest) -> bool:
-        """Whether nothing carries and compression is not borne: there stiffness depends on the direction of the least move.
-
-        So it is where a liquid of given volume begins: the least of it wets a share of the surface.
+        """Whether nothing carries and compression is not borne: there stiffness depends on the direction of the least move;
+        or a liquid of given volume begins: the least of it wets a share of the surface.
         """
         if self.equilibrium.filling.begins(self.way.before, self.way.after):
             return True
@@ -148,13 +144,11 @@ class LoadStep:
         if all(fabric.law == "none" for fabric in structure.fabrics) and no_cables:
             return False
         self.system.set_displacement(a.position)
-        stiffest = max(max(fabric.e_warp, fabric.e_weft) for fabric in structure.fabrics)
-        return float(np.abs(self.system.element_state().stress).max(initial=0.0)) <= _NO_STRESS * stiffest
+        return self.equilibrium.carries_nothing()
 
     def _off_apex(self, a: Rest) -> Rest | None:
-        """A stable equilibrium just off a start that carries nothing, to compare with in its stead; None where none is found.
-
-        It may cost as many iterations as the whole way has taken.
+        """A stable equilibrium just off a start that carries nothing, to compare with in its stead; None where none is found
+        in as many iterations as the whole way has taken.
         """
         self.system.set_displacement(a.position)
         first = self._solve(2.0**-self.policy.parts, patience=self.records[-1].iterations)
@@ -290,7 +284,9 @@ class LoadStep:
 
     def _stand(self, a: Rest) -> Reached:
         """At the same place, such as of a mast that is pushed along itself: stability alone can be lost."""
-        lower, upper = self.way.stable_share(a, self.policy.shortest)
+        if (bounds := self.way.stable_share(a, self.policy.shortest)) is None:
+            return self._direct()
+        lower, upper = bounds
         if upper is None:
             self._pass("load control", 1.0)
             self._settle(1.0, relax=False)
@@ -379,6 +375,11 @@ class LoadStep:
     def _softened(self, a: Rest) -> bool:
         """Whether the structure is so soft, against the stiffest of its course, that load control is not worth trying."""
         return a.stiffness is not None and self.stiffest.take(self.way, a.stiffness) < self.policy.soft
+
+    def _told(self, a: Rest, b: Rest) -> str:
+        """How two ends of a part of the way compare, which halfway between them may show to be smooth though curved."""
+        kind = self._compare(a, b)
+        return "consistent" if kind == "curved" and self.way.foreseen(a, b, self.policy.resolution) else kind
 
     def _compare(self, a: Rest, b: Rest) -> str:
         return self.way.compare(a, b, self.policy.resolution).kind

@@ -140,7 +140,7 @@ class Measure:
             return None  # follower pressure without a potential
         energy = self.system.potential_energy(self.model.nodal_loads(state))[0]
         contents = self.equilibrium.filling.contents
-        return energy if contents is None else energy + contents.energy()
+        return energy if contents is None else energy + contents.energy()[0]
 
     def _contact(self) -> dict[str, Floats]:
         """(node_count, 3) what each plane and obstacle pushes the nodes with, by name."""

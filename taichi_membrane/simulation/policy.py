@@ -62,7 +62,8 @@ class Policy:
     :param resolution: largest |e| that is accepted. A part between ends of equal stiffness s hides a jump of at most e/(1 − e) of
         its regular ΔP = Δλ/s, a nineteenth: smaller snaps, of single wrinkles, are below what a result resolves. At 0.1 one of 381
         verdict runs missed a limit; a sixth fewer iterations. λ ~ P³, the way a flat sheet stiffens, has |e| = 1/6 from its start
-        and is cut once or twice; a collapse has ½ … 1: its verdict does not hang on it.
+        and is cut once or twice; a collapse has ½ … 1: its verdict does not hang on it. A part that is only curved is not cut where
+        a look halfway, which costs a solution, finds the structure where both ends foretell (:meth:`.Way.foreseen`).
     :param soft: share of the stiffest s met on the same course below which load control is not tried: Newton's steps grow as 1/s,
         and at a tenth the load is within about a percent of a parabola's limit (1 − λ/λ_max = (s/s₀)²).
     :param parts: halvings of a step; what is still curved at 2⁻¹⁰ of it is a kink, which no finer cut makes smooth.

@@ -17,7 +17,7 @@ from taichi_membrane.solvers.path import PathPoint
 
 # The force of a motion, of a liquid's level, or of stress-free strain is a difference over this share of the way, either side:
 # rounding leaves 1e-10 of it. Ten times more changes the stiffness of a turned annulus and a pulled tent by 4e-4 at most, ten
-# times less by 6e-6: nothing, against a resolution of 0.1.
+# times less by 6e-6: nothing, against a resolution of 0.05.
 _DIFFERENCE = 1e-6
 # Free forces of a load that are this share of all its forces are round-off.
 _NO_FORCE = 1e-12
@@ -34,6 +34,7 @@ class Rest:
     :param force: (node_count, 3) change of the free forces per share at fixed free displacements, in the supports' axes.
     :param stiffness: current stiffness dλ/dP; None where the tangent is singular.
     :param negative: negative eigenvalues of the tangent; None where it is singular.
+    :param tangent: (node_count, 3) K⁻¹f, the free displacements' change per share; None where the tangent is singular.
     :param noise: the share that it is known to: with residuals r left, s f·K⁻¹r to first order.
     :param active: (obstacles, node_count) where there is contact; force and stiffness are those along the obstacles.
     :param multipliers: (obstacles, node_count) those of the obstacles there.
@@ -44,6 +45,7 @@ class Rest:
     force: Floats
     stiffness: float | None
     negative: int | None
+    tangent: Floats | None = None
     noise: float = 0.0
     active: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     multipliers: tuple[Floats, ...] = ()
@@ -187,21 +189,27 @@ class Way:
         whole = (whole - self.system.balance()) / (1.0 - rest.share)
         return float(np.linalg.norm(rest.force)) <= _NO_FORCE * float(np.linalg.norm(whole))
 
-    def stable_share(self, rest: Rest, resolution: float) -> tuple[float, float | None]:
-        """Bounds, at ``resolution``, of the share up to which a stable equilibrium that stays is stable; 1 and None at all."""
-        lower, upper = rest.share, 1.0
-        if self._stable(rest, upper):
-            return 1.0, None
-        while upper - lower > resolution * self.load(upper):
-            middle = 0.5 * (lower + upper)
-            lower, upper = (middle, upper) if self._stable(rest, middle) else (lower, middle)
-        return lower, upper
+    def stable_share(self, rest: Rest, resolution: float) -> tuple[float, float | None] | None:
+        """Bounds, at ``resolution``, of the share up to which a stable equilibrium that stays is stable; 1 and None at all.
 
-    def _stable(self, rest: Rest, share: float) -> bool:
+        None where a tangent is singular: nothing is known of stability there.
+        """
+        lower, upper = rest.share, 1.0
+        negative = self._negative(rest, upper)
+        if negative == 0:
+            return 1.0, None
+        while negative is not None and upper - lower > resolution * self.load(upper):
+            middle = 0.5 * (lower + upper)
+            negative = self._negative(rest, middle)
+            lower, upper = (middle, upper) if negative == 0 else (lower, middle)
+        return None if negative is None else (lower, upper)
+
+    def _negative(self, rest: Rest, share: float) -> int | None:
+        """Negative eigenvalues of the tangent where an equilibrium stays at another share; None where it is singular."""
         self.system.set_displacement(rest.position)
         self.press(share)
         factor = self.newton.at_rest()
-        return factor is not None and factor.negative == 0
+        return None if factor is None else factor.negative
 
     def of_point(self, point: PathPoint) -> Rest:
         """A point of the path along this way."""
@@ -214,8 +222,8 @@ class Way:
         stiffness = 1.0 / compliance if compliance != 0.0 and np.isfinite(compliance) else None
         noise = 0.0 if stiffness is None else abs(stiffness * float(np.vdot(self.newton.free_force(), tangent)))
         return Rest(
-            share=share, position=position, force=force, stiffness=stiffness, negative=negative, noise=noise,
-            **self._touched(),
+            share=share, position=position, force=force, stiffness=stiffness, negative=negative, tangent=tangent,
+            noise=noise, **self._touched(),
         )  # fmt: skip
 
     def compare(self, a: Rest, b: Rest, resolution: float) -> Comparison:
@@ -235,6 +243,39 @@ class Way:
         if slack <= resolution * largest * abs(work) + noise:
             return Comparison("consistent", slack, noise)
         return Comparison("jump" if secant < min(a.stiffness, b.stiffness) else "curved", slack, noise)
+
+    def foreseen(self, a: Rest, b: Rest, resolution: float) -> bool:
+        """Whether halfway between two equilibria the structure is where their tangents say, to ``resolution`` of the load.
+
+        On the cubics u(P) and λ(P) that leave ``a`` and come to ``b`` along their tangents, free forces r are left halfway, which
+        are δλ = s f·K⁻¹r of the load. A smooth path leaves (ΔP)⁴ of it; a jump J anywhere in between leaves s J/2, as halfway the
+        cubics have gone half of it. Nothing is told where the cubic λ(P) is softer in between than at both ends, as it is where the
+        structure snaps through.
+        """
+        if not self.linear or self.system.contacts or a.stiffness is None or b.stiffness is None:
+            return False
+        assert a.tangent is not None
+        assert b.tangent is not None
+        factor, position = self.newton.at_rest(), self.system.displacement()
+        if factor is None:
+            return False
+        whole = self._load_displacement(a, b)
+        # λ' is s_a (1 - x) + s_b x + bend x (1 - x), with the secant for its mean.
+        bend = 6.0 * ((b.share - a.share) / whole - 0.5 * (a.stiffness + b.stiffness)) if whole != 0.0 else -np.inf
+        if abs(b.stiffness - a.stiffness) < -bend:
+            return False
+        step = 0.5 * self.system.difference(a.position, b.position)
+        step += 0.125 * whole * (a.stiffness * a.tangent - b.stiffness * b.tangent)
+        middle = 0.5 * (a.share + b.share) + 0.125 * whole * (a.stiffness - b.stiffness)
+        self.system.set_displacement(self.system.retract(a.position, step))
+        self.press(middle)
+        left = factor.solve(self.newton.free_force())
+        self.system.set_displacement(position)
+        self.press(b.share)
+        now = a if np.array_equal(position, a.position) else b
+        assert now.stiffness is not None
+        off = abs(now.stiffness * float(np.vdot(now.force, left)))
+        return off <= 0.5 * resolution * max(abs(a.stiffness), abs(b.stiffness)) * abs(whole)
 
     def _load_displacement(self, a: Rest, b: Rest) -> float:
         """ΔP = ∫ f · du along the chord, by Simpson's rule.

@@ -37,7 +37,8 @@ _POOR = 0.25
 _DECREASE, _SHORTEST = 1e-4, 1 / 64
 # Shortest exact step where the symmetric part is indefinite; shorter ones than a sixteenth lead nowhere (hypar sails, 16 cases).
 _SHORTEST_OUTRIGHT = 1 / 16
-# Energies agree to this share when round-off alone separates them; the residual then decides.
+# Energies agree to this share of the terms that they are the difference of when round-off alone separates them; the residual
+# then decides. Of the gas in a shut chamber these are a thousand times what is left.
 _ENERGY_NOISE = 1e-13
 # Away from an unstable equilibrium: the first push, as a share of the sides there, and how exactly its direction is found.
 _FIRST_PUSH, _INVERSE_ITERATIONS, _DISTURBANCE = 1e-3, 12, 1e-2
@@ -64,6 +65,7 @@ class Newton:
         self._kept: tuple[tuple[Floats, ...], Factor] | None = None
         self._lowest = 0.0
         self._mode: Floats | None = None
+        self._energy_size = 0.0  # of the terms that the last energy was the difference of
 
     def compile(self) -> None:
         """Compile the assembly kernels."""
@@ -158,9 +160,11 @@ class Newton:
         """Potential energy at the present displacements, with pressures and levels that follow them set to what they are there."""
         if self.contents is not None:
             self.contents.settle()
-        energy = self.system.potential_energy(loads)[0]
+        energy, stored = self.system.potential_energy(loads)
+        self._energy_size = abs(stored) + abs(energy - stored)
         if self.contents is not None:
-            energy += self.contents.energy()
+            more, size = self.contents.energy()
+            energy, self._energy_size = energy + more, self._energy_size + size
         if self._skew is not None:
             energy += self._skew.work_beyond(self.system.displacement())
         return energy
@@ -361,7 +365,7 @@ class Newton:
         slope = float(np.vdot(force, direction))
         if not (np.isfinite(slope) and slope > 0.0):
             return None
-        noise = _ENERGY_NOISE * max(abs(energy), slope)
+        noise = _ENERGY_NOISE * max(self._energy_size, slope)
         fraction = 1.0
         while fraction >= _SHORTEST:
             trial = self.system.retract(position, fraction * direction)
