@@ -121,7 +121,7 @@ def water_tube(*, radius: float, length: float, around: int, along: int, ends: T
     x = length * (2 * np.arange(along + 1) - along) / (2 * along)
     ring = np.column_stack((-radius * sine, radius * (1.0 + cosine)))
     at = work.nodes(np.stack(np.broadcast_arrays(x[:, None], ring[:, 0], ring[:, 1]), axis=-1))
-    work.piece(quads(np.column_stack((at, at[:, :1])).T), ("tube",), [1.0, 0.0, 0.0])
+    work.piece(quads(np.column_stack((at, at[:, :1])).T, banded=True), ("tube",), [1.0, 0.0, 0.0])
     work.node_groups |= {"start": at[0], "end": at[-1], "crown": at[:, 0], "base": at[:, around // 2]}
     if along % 2 == 0:
         middle = at[along // 2]

@@ -58,7 +58,7 @@ def pumpkin(*, radius: float, gores: int, along: int, across: int, bulge: float 
     at = work.nodes(_lobes(radius, gores, along, across, math.radians(bulge) / 2.0, fitting))
     looped = np.column_stack((at, at[:, :1]))
     for gore in range(gores):
-        piece = quads(looped[:, gore * across : (gore + 1) * across + 1].T)
+        piece = quads(looped[:, gore * across : (gore + 1) * across + 1].T, banded=True)
         work.piece(piece, ("gores", f"gore_{gore + 1}"), _upwards(work.points[piece].mean(axis=1), radius))
     for side, rim, way in (("bottom", at[0], -1), ("top", at[-1], 1)):
         _add_fitting(work, side, rim, way)

@@ -207,7 +207,7 @@ def _add_fin(work: Patchwork, body: _Body, plan: _Plan, column: int, number: int
     for line, flip in ((root[0], True), (root[2], False)):
         foot = work.points[line][:, None]
         at = np.column_stack((line, work.nodes(foot + share * (crest_at[:, None] - foot)), crest))
-        work.piece(quads(at.T if flip else at), names, [1.0, 0.0, 0.0])
+        work.piece(quads(at.T if flip else at, banded=True), names, [1.0, 0.0, 0.0])
         sides.append(at)
     for wall in plan.walls:
         rows = [

@@ -88,7 +88,7 @@ def cone(
     points = np.stack((rim[:, 0] * scale, rim[:, 1] * scale, height * (1.0 - share) + 0.0 * scale), axis=-1)
     work = Patchwork()
     at = work.nodes(points)
-    triangles = quads(np.column_stack((at, at[:, :1])))
+    triangles = quads(np.column_stack((at, at[:, :1])).T, banded=True)[:, ::-1]
     work.piece(triangles, (), (points[0].mean(axis=0) - work.points[triangles].mean(axis=1)) * (1.0, 1.0, 0.0))
     work.node_groups |= {"ring": at[0], "rim": at[-1]}
     if corners:

@@ -47,8 +47,8 @@ def drop_stitch(
         for z in (0.0, height)
     ]
     bottom, top = skins
-    work.piece(quads(top), ("shell", "top"), [0.0, 1.0, 0.0])
-    work.piece(quads(bottom.T), ("shell", "bottom"), [0.0, 1.0, 0.0])
+    work.piece(quads(top, banded=True), ("shell", "top"), [0.0, 1.0, 0.0])
+    work.piece(quads(bottom, banded=True)[:, ::-1], ("shell", "bottom"), [0.0, 1.0, 0.0])
     rims = _loop(bottom), _loop(top)
     _add_wall(work, rims, height, up, math.radians(bulge))
     _add_yarns(work, skins, every, up, yarns)
@@ -111,7 +111,7 @@ def _add_wall(work: Patchwork, rims: tuple[Ints, Ints], height: float, up: int, 
     between[..., :2] = low[:, :2] + rise[:, None, None] * outwards
     between[..., 2] = (0.5 * height + place)[:, None]
     at = np.concatenate((rims[0][None], work.nodes(between), rims[1][None]))
-    work.piece(quads(np.column_stack((at, at[:, :1])).T), ("shell", "wall"), [0.0, 0.0, 1.0])
+    work.piece(quads(np.column_stack((at, at[:, :1])).T, banded=True), ("shell", "wall"), [0.0, 0.0, 1.0])
 
 
 def _add_yarns(work: Patchwork, skins: list[Ints], every: int, up: int, yarns: str) -> None:
@@ -128,5 +128,5 @@ def _add_yarns(work: Patchwork, skins: list[Ints], every: int, up: int, yarns: s
         places: list[Floats] = [work.points[end] for end in ends]
         share = (np.arange(1, up) / up)[:, None, None]
         at = np.concatenate((ends[0][None], work.nodes(places[0] + share * (places[1] - places[0])), ends[1][None]))
-        work.piece(quads(at), ("webs",), [0.0, 0.0, 1.0])
+        work.piece(quads(at, banded=True), ("webs",), [0.0, 0.0, 1.0])
     work.node_groups["stitched"] = np.concatenate((bottom[where[0], 1:-1].ravel(), top[where[0], 1:-1].ravel()))
