@@ -21,7 +21,12 @@ PROFILE = settings(
 
 LONGEST_MESSAGE = 3000  # characters; the longest good one lists the names of a mesh
 
-_CHAMBERS = {"arch_tent": "arch_1", "mattress": "cell_1"}  # not all of their elements enclose one
+_CHAMBERS = {
+    "arch_tent": "arch_1",
+    "mattress": "cell_1",
+    "drop_stitch": "shell",
+    "hull": "hull",
+}  # not all of their elements enclose one
 
 # Between them these use every table of a scene.
 GOOD: list[dict[str, Any]] = [
@@ -161,6 +166,22 @@ GOOD: list[dict[str, Any]] = [
                 "along_y": 2,
                 "up": 1,
             },
+            {"shape": "hypar", "width": 2.0, "depth": 3.0, "rise": 1.0, "along": 2},
+            {"shape": "cone", "radius": 2.0, "ring": 0.5, "height": 1.0, "around": 6, "up": 2, "corners": 3},
+            {
+                "shape": "drop_stitch",
+                "width": 1.0,
+                "length": 2.0,
+                "height": 0.2,
+                "along_x": 2,
+                "along_y": 4,
+                "up": 2,
+                "yarns": "webs",
+            },
+            {"shape": "airbag", "outline": "disc", "size": 1.0, "divisions": 2},
+            {"shape": "water_tube", "radius": 0.5, "length": 2.0, "around": 8, "along": 2, "ends": "flat"},
+            {"shape": "pumpkin", "radius": 2.0, "gores": 6, "along": 4, "across": 2},
+            {"shape": "hull", "length": 9.0, "radius": 1.5, "around": 8, "along": 12, "fins": 2, "fin_from": 0.6},
             {"shape": "file", "path": "square.obj", "scale": 2.0},
         )
     ),

@@ -11,6 +11,7 @@ from taichi_membrane import fields
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.output.curve import curve_steps, quantity_label
 from taichi_membrane.output.tables import step_words
+from taichi_membrane.pictures.camera import Camera as ViewCamera
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve
@@ -21,7 +22,31 @@ from taichi_membrane.simulation.results import RunResult, StepResult
 
 def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Path]:
     """Draw every step, then the animation and the curve; yields each file as it is in place."""
-    scene, mesh, steps = result.scene, result.mesh, result.steps
+    scene, steps = result.scene, result.steps
+    view, look = _view_of(result, camera)
+    pictures = []
+    for step in steps:
+        path = directory / f"step_{step.number:04d}.png"
+        draw_frame(_frame(result, step, camera), look=look, camera=view, path=path)
+        pictures.append(path)
+        yield path
+    if len(pictures) > 1:
+        write_animation(pictures, directory / "animation.gif")
+        yield directory / "animation.gif"
+    if scene.curve is not None:
+        draw_run_curve(result, scene.curve, directory / "curve.png")
+        yield directory / "curve.png"
+
+
+def draw_last_step(result: RunResult, camera: Camera, path: Path) -> None:
+    """Draw the last step as :func:`draw_run` does, alone."""
+    view, look = _view_of(result, camera)
+    draw_frame(_frame(result, result.steps[-1], camera), look=look, camera=view, path=path)
+
+
+def _view_of(result: RunResult, camera: Camera) -> tuple[ViewCamera, Look]:
+    """One camera and one look, with one colour range, for all steps of a run."""
+    mesh, steps = result.mesh, result.steps
     view = fit_camera(
         [mesh.points, *(mesh.points + step.displacement for step in steps)],
         azimuth=camera.azimuth,
@@ -43,18 +68,7 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
         scalar_range=_scalar_range(steps, camera),
         cable_range=_cable_range(steps),
     )
-    pictures = []
-    for step in steps:
-        path = directory / f"step_{step.number:04d}.png"
-        draw_frame(_frame(result, step, camera), look=look, camera=view, path=path)
-        pictures.append(path)
-        yield path
-    if len(pictures) > 1:
-        write_animation(pictures, directory / "animation.gif")
-        yield directory / "animation.gif"
-    if scene.curve is not None:
-        draw_run_curve(result, scene.curve, directory / "curve.png")
-        yield directory / "curve.png"
+    return view, look
 
 
 def _scalar(step: StepResult, camera: Camera) -> Floats | None:

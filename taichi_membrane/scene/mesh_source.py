@@ -7,7 +7,17 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from taichi_membrane.scene.base import Count, Positive, Record
-from taichi_membrane.scene.built import ArchTentShape, MattressShape
+from taichi_membrane.scene.built import (
+    AirbagShape,
+    ArchTentShape,
+    ConeShape,
+    DropStitchShape,
+    HullShape,
+    HyparShape,
+    MattressShape,
+    PumpkinShape,
+    WaterTubeShape,
+)
 
 
 class TubeShape(Record):
@@ -175,6 +185,13 @@ MeshSource = Annotated[
     | WedgeShape
     | ArchTentShape
     | MattressShape
+    | HyparShape
+    | ConeShape
+    | DropStitchShape
+    | AirbagShape
+    | WaterTubeShape
+    | PumpkinShape
+    | HullShape
     | MeshFile
     | GivenMesh,
     Field(discriminator="shape"),

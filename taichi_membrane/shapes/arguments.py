@@ -28,6 +28,21 @@ def check_count(where: str, name: str, value: int, lowest: int) -> int:
     return int(value)
 
 
+def check_between(where: str, name: str, value: float, low: float, high: float, unit: str = "") -> float:
+    """Return a number, refused unless it is finite and from ``low`` to ``high``; ``unit`` ends the message."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not low <= value <= high:
+        told = f" {unit}" if unit else ""
+        raise InputError(f"{where}: {name} = {value!r} must be from {low:g} to {high:g}{told}")
+    return float(value)
+
+
+def check_multiple(where: str, name: str, value: int, part: int, what: str) -> int:
+    """Return a number of divisions, refused unless it is a whole number of ``part``; ``what`` tells why."""
+    if check_count(where, name, value, part) % part:
+        raise InputError(f"{where}: {name} = {value} must be a multiple of {part}, {what}")
+    return value
+
+
 def check_name(where: str, name: str, value: str, allowed: tuple[str, ...]) -> None:
     """Refuse a word that is not among the allowed ones."""
     if value not in allowed:

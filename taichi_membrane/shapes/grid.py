@@ -24,8 +24,8 @@ def panel(*, width: float, height: float, along_x: int, along_y: int, pattern: G
     """
     _check_grid("panel", width, height, along_x, along_y, 1, pattern)
     nx, ny = along_x, along_y
-    points = _grid_points(nx, ny, pattern) * (float(width), float(height), 0.0)
-    triangles = _grid_triangles(nx, ny, pattern, corners_cut=False)
+    points = grid_points(nx, ny, pattern) * (float(width), float(height), 0.0)
+    triangles = grid_triangles(nx, ny, pattern, corners_cut=False)
     at = np.arange((nx + 1) * (ny + 1)).reshape(ny + 1, nx + 1)
     groups: dict[str, NDArray[np.int64]] = {
         "x_min": at[:, 0],
@@ -58,13 +58,13 @@ def cushion(*, width: float, height: float, along_x: int, along_y: int, pattern:
     """
     _check_grid("cushion", width, height, along_x, along_y, 2, pattern)
     nx, ny = along_x, along_y
-    sheet = (_grid_points(nx, ny, pattern) - (0.5, 0.5, 0.0)) * (float(width), float(height), 0.0)
+    sheet = (grid_points(nx, ny, pattern) - (0.5, 0.5, 0.0)) * (float(width), float(height), 0.0)
     at = np.arange((nx + 1) * (ny + 1)).reshape(ny + 1, nx + 1)
     seam = np.unique(np.concatenate((at[0], at[-1], at[:, 0], at[:, -1])))
     inner = np.setdiff1d(np.arange(len(sheet)), seam)
     lower_number = np.arange(len(sheet))
     lower_number[inner] = len(sheet) + np.arange(len(inner))
-    top = _grid_triangles(nx, ny, pattern, corners_cut=True)
+    top = grid_triangles(nx, ny, pattern, corners_cut=True)
     triangles = np.concatenate((top, lower_number[top[:, ::-1]]))
     groups = {"seam": seam, "corners": at[[0, 0, -1, -1], [0, -1, 0, -1]]}
     centre = _centre(nx, ny, pattern)
@@ -85,7 +85,7 @@ def _check_grid(where: str, width: float, height: float, nx: int, ny: int, lowes
     check_size(where, 4 * nx * ny)
 
 
-def _grid_points(nx: int, ny: int, pattern: str) -> NDArray[np.float64]:
+def grid_points(nx: int, ny: int, pattern: str) -> NDArray[np.float64]:
     """Return the nodes of the unit square, row after row along x; for ``crossed`` the middles of the cells follow."""
     y, x = np.meshgrid(np.arange(ny + 1) / ny, np.arange(nx + 1) / nx, indexing="ij")
     points = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))
@@ -95,7 +95,7 @@ def _grid_points(nx: int, ny: int, pattern: str) -> NDArray[np.float64]:
     return np.concatenate((points, np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))))
 
 
-def _grid_triangles(nx: int, ny: int, pattern: str, *, corners_cut: bool) -> NDArray[np.int64]:
+def grid_triangles(nx: int, ny: int, pattern: str, *, corners_cut: bool) -> NDArray[np.int64]:
     """Cut the cells counter-clockwise; ``corners_cut`` turns the diagonals of the corner cells to the corner."""
     j, i = (index.ravel() for index in np.meshgrid(np.arange(ny), np.arange(nx), indexing="ij"))
     a = j * (nx + 1) + i

@@ -68,26 +68,11 @@ def arch_tent(
     _angle("guy", guy, angle / 2.0, "half of angle")
 
     work = Patchwork()
-    tubes = []
-    for number in range(arches):
-        y = spacing * (number - 0.5 * (arches - 1))
-        tubes.append(_add_arch(work, form, y, number + 1))
-        for side, way in (("windward", -1.0), ("leeward", 1.0)):
-            near = round(along / 2 * (1.0 + way * math.radians(guy) / form.half))
-            work.node_groups[f"guy_{side}_{number + 1}"] = tubes[-1][near, :1]
+    places = [spacing * (number - 0.5 * (arches - 1)) for number in range(arches)]
+    tubes = [_add_arch(work, form, y, number) for number, y in enumerate(places, 1)]
+    _name_guys(work, tubes, form, math.radians(guy))
     work.node_groups["feet"] = np.concatenate([work.node_groups[f"feet_{k + 1}"] for k in range(arches)])
-    column = round(seam / 360.0 * around)
-    skirts: list[tuple[Ints, Ints]] = []
-    lines: list[list[Ints]] = [[] for _ in range(arches)]
-    for bay in range(arches - 1):
-        pair = tubes[bay][:, -column], tubes[bay + 1][:, column]  # angles run from the outer line towards -y
-        lines[bay].append(pair[0])
-        lines[bay + 1].append(pair[1])
-        skirts.append(_add_skin(work, form, pair, sag, across, math.radians(roof), bay + 1))
-    for number, sewn in enumerate(lines, 1):
-        work.node_groups[f"seam_{number}"] = np.unique(np.concatenate(sewn))
-    for side, row in (("windward", 0), ("leeward", 1)):
-        work.node_groups[f"skirt_{side}"] = np.concatenate([skirt[row] for skirt in skirts])
+    _add_bays(work, form, tubes, round(seam / 360.0 * around), sag, across, math.radians(roof))
     if ends == "closed":
         _add_gable(work, tubes[0][:, around // 2], "start")
         _add_gable(work, tubes[-1][:, around // 2], "end")
@@ -173,6 +158,34 @@ def _add_arch(work: Patchwork, form: _Form, y: float, number: int) -> Ints:
     work.node_groups[f"feet_{number}"] = np.concatenate(feet)
     work.node_groups[f"crown_{number}"] = at[form.along // 2, :1]
     return at
+
+
+def _name_guys(work: Patchwork, tubes: list[Ints], form: _Form, guy: float) -> None:
+    """Name the node on the outer line of each arch that is nearest to an angle from the crown, on either side."""
+    for side, way in (("windward", -1.0), ("leeward", 1.0)):
+        near = round(form.along / 2 * (1.0 + way * guy / form.half))
+        for number, tube in enumerate(tubes, 1):
+            work.node_groups[f"guy_{side}_{number}"] = tube[near, :1]
+
+
+def _add_bays(
+    work: Patchwork, form: _Form, tubes: list[Ints], column: int, sag: float, across: int, roof: float
+) -> None:
+    """Add the skins between neighbouring arches; name the lines that they are sewn to, and their lower edges.
+
+    :param column: line of nodes of a tube that faces the next arch, counted from the outer line.
+    """
+    skirts: list[tuple[Ints, Ints]] = []
+    lines: list[list[Ints]] = [[] for _ in tubes]
+    for bay in range(len(tubes) - 1):
+        pair = tubes[bay][:, -column], tubes[bay + 1][:, column]  # angles run from the outer line towards -y
+        lines[bay].append(pair[0])
+        lines[bay + 1].append(pair[1])
+        skirts.append(_add_skin(work, form, pair, sag, across, roof, bay + 1))
+    for number, sewn in enumerate(lines, 1):
+        work.node_groups[f"seam_{number}"] = np.unique(np.concatenate(sewn))
+    for side, row in (("windward", 0), ("leeward", 1)):
+        work.node_groups[f"skirt_{side}"] = np.concatenate([skirt[row] for skirt in skirts])
 
 
 def _add_skin(

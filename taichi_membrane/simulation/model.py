@@ -60,6 +60,13 @@ _SHAPES: dict[str, Callable[..., Mesh]] = {
     "cushion": shapes.cushion,
     "arch_tent": shapes.arch_tent,
     "mattress": shapes.mattress,
+    "hypar": shapes.hypar,
+    "cone": shapes.cone,
+    "drop_stitch": shapes.drop_stitch,
+    "airbag": shapes.airbag,
+    "water_tube": shapes.water_tube,
+    "pumpkin": shapes.pumpkin,
+    "hull": shapes.hull,
 }
 
 
