@@ -23,7 +23,7 @@ from taichi_membrane.output.tables import (
     with_unit,
 )
 from taichi_membrane.scene import Cable, Fabric, Scene, Spring, Stage, Units
-from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, stage_values
+from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, friction_words, stage_values
 from taichi_membrane.scene.element_field import ElementField, given_text
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.chambers import surfaces
@@ -244,9 +244,12 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
         *(("pressure", line) for line in _potential_lines(model)),
         *(("chamber", line) for line in _chamber_lines(model)),
         *(("cable", f"{name}: {_cable_line(item)}") for name, item in scene.cables.items()),
-        *(("plane", f"{name}: through {list(item.through)}, for {item.group}") for name, item in scene.planes.items()),
         *(
-            ("obstacle", f"{name}: {item.kind}, for {item.group}")
+            ("plane", f"{name}: through {list(item.through)}, for {item.group}{friction_words(item.friction)}")
+            for name, item in scene.planes.items()
+        ),
+        *(
+            ("obstacle", f"{name}: {item.kind}, for {item.group}{friction_words(item.friction)}")
             for name, item in scene.obstacles.items()
             if item.direction is None
         ),

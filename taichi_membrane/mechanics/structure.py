@@ -69,7 +69,7 @@ class Features:
     cables: bool
     ropes: bool
     springs: bool
-    obstacles: tuple[tuple[str, bool], ...]
+    obstacles: tuple[tuple[str, bool, bool], ...]
     bodies: bool
 
     def describe(self) -> tuple[list[str], list[str]]:
@@ -96,6 +96,7 @@ class Features:
             "sliding cables": self.ropes,
             "springs to the ground": self.springs,
             "contact with obstacles": bool(self.obstacles),
+            "friction": any(friction for _, _, friction in self.obstacles),
             "rigid bodies": self.bodies,
         }
         return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]

@@ -33,13 +33,14 @@ from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 7
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 8
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 CABLE = "cable"  # array of the lines of mesh.vtu and of the steps' files: number of the cable in the scene
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
 DATA = "data:"  # begins the name of an array in mesh.vtu that the scene takes values of elements from
 PATH = "path_"  # begins the names of what a stage by arc length goes on from
 PATH_ARRAYS = ("path_tangent", "path_advance")
+FRICTION = "friction_"  # with a number, the friction forces of an obstacle that a run goes on from
 MODE = "mode_"  # begins the name of a mode shape in a step's file
 
 
@@ -327,6 +328,7 @@ def _state(record: dict[str, Any], displacement: Floats, per_node: Callable[[str
         stiffest=float(given["stiffest"]),
         let_out=_numbers(given["let_out"]),
         path=path,
+        friction=tuple(per_node(f"{FRICTION}{number}") for number in range(int(given["friction"]))),
     )
 
 

@@ -175,8 +175,8 @@ class ContactProbe(Record):
     obstacle: Name
     """Name of the obstacle or plane."""
     of: Literal["force", "area", "pressure"] = "force"
-    """Resultant ``force`` on the structure [force]; ``area`` of the nodes in contact, a third of each element around [length²];
-    largest ``pressure``, a node's force over its area [force/length²]."""
+    """Resultant ``force`` on the structure, with friction [force]; ``area`` of the nodes in contact, a third of each element around
+    [length²]; largest ``pressure``, what a node is pushed with across the obstacle over its area [force/length²]."""
     component: Literal["x", "y", "z", "magnitude"] = "magnitude"
     """Of the force: along an axis, or its magnitude."""
 

@@ -131,16 +131,23 @@ class Equilibrium:
     ) -> Reached:
         """Go from an equilibrium at ``before`` to one at ``after``, or as far as there is a stable one.
 
-        Where no equilibrium is found the membrane is back in the state it came from. Without Newton nothing is known of stability.
+        Where no equilibrium is found the membrane is back in the state it came from. Without Newton nothing is known of stability,
+        nor with friction, which has no potential: what is found then depends on the steps, and is compared with nothing.
 
         :param stiffest: of the course that the step is part of; :class:`~.load_step.LoadStep` has the rest.
         """
-        if self.newton is not None:
+        if self.newton is not None and not self.system.frictions:
             return LoadStep(self, before, after, stiffest or Stiffest(), snaps=snaps, report=report).run()
         start = self.system.displacement()
         record = self.solve(after, report)
+        if not record.converged and self.kind == "hybrid":
+            self.system.set_displacement(start)
+            record = joined(record, self.solve(after, report, relax=True))
         if record.converged:
-            return Reached(record, 1.0, trace=(Passage(event="relaxed", share=1.0),))
+            self.contact.accept()
+            return Reached(
+                record, 1.0, trace=(Passage(event="relaxed" if self.newton is None else "friction", share=1.0),)
+            )
         trouble = self.trouble()
         self.system.set_displacement(start)
         return Reached(record, 0.0, trouble=trouble)

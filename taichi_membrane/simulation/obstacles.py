@@ -61,6 +61,7 @@ def obstacles_of(scene: Scene, mesh: Mesh) -> tuple[Obstacle, ...]:
             nodes=group_nodes(mesh, plane.group, f"planes.{name}.group"),
             centre=np.array(plane.through),
             frame=_frame(plane.normal),
+            friction=plane.friction,
         )
         for name, plane in scene.planes.items()
     ]
@@ -69,6 +70,7 @@ def obstacles_of(scene: Scene, mesh: Mesh) -> tuple[Obstacle, ...]:
             "name": name,
             "nodes": group_nodes(mesh, one.group, f"obstacles.{name}.group"),
             "motion": np.array(one.direction or (0.0, 0.0, 0.0)),
+            "friction": one.friction,
         }
         if isinstance(one, PlaneObstacle):
             found.append(Obstacle(kind="plane", centre=np.array(one.through), frame=_frame(one.normal), **common))

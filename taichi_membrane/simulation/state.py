@@ -34,6 +34,7 @@ class State:
     :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.stiffest.Stiffest`.
     :param let_out: amount of gas that relief valves have let out since the stage began, by the first pressure of each gas.
     :param path: where the stage's path is, of a stage by arc length.
+    :param friction: (n, 3) friction forces of each obstacle that has friction, or of each of its walls.
     """
 
     displacement: Floats
@@ -41,3 +42,4 @@ class State:
     stiffest: float = 0.0
     let_out: Mapping[str, float]
     path: PathState | None = None
+    friction: tuple[Floats, ...] = ()
