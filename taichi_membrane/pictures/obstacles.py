@@ -36,7 +36,7 @@ def draw_obstacles(page: Page, lines: Sequence[Floats], seen: NDArray[np.float32
     if hidden:
         page.lines(hidden, colours=OBSTACLE, width=WIDTH, alpha=0.16, zorder=1.5)
     if shown:
-        page.lines(shown, colours=OBSTACLE, width=WIDTH, alpha=0.75, zorder=1.6)
+        page.lines(shown, colours=OBSTACLE, width=WIDTH, alpha=0.5, zorder=1.6)
 
 
 def _finer(line: Floats) -> Floats:

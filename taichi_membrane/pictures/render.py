@@ -322,8 +322,8 @@ def _draw_over_surface(
         page.lines(lines, colours=["white" if d else INK for d in dark], width=1.8, capstyle="butt")
     if frame.obstacles:
         seen = [page.camera.project(line) for line in frame.obstacles]
-        places = [np.column_stack([one[:, :2], scale.nearness(one[:, 2])]) for one in seen]
-        draw_obstacles(page, places, pixels.nearness, _ON_SURFACE / scale.radii)
+        nets = [np.column_stack([one[:, :2], scale.nearness(one[:, 2])]) for one in seen]
+        draw_obstacles(page, nets, pixels.nearness, _ON_SURFACE / scale.radii)
     if len(frame.cables):
         ends = np.asarray(frame.cables, dtype=np.int64)
         places = np.dstack([screen[ends][..., :2], scale.nearness(screen[ends][..., 2])])

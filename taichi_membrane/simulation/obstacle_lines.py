@@ -46,7 +46,7 @@ def _plane(one: Obstacle, centre: Floats, reach: float) -> list[Floats]:
     normal = one.frame[2]
     middle = centre - ((centre - one.centre) @ normal) * normal
     ticks, fine = np.linspace(-reach, reach, _PARTS + 1), np.linspace(-reach, reach, _ROUND + 1)
-    u, v = 0.7 * one.frame[:2]
+    u, v = 0.6 * one.frame[:2]
     return [middle + fine[:, None] * a + tick * b for a, b in ((u, v), (v, u)) for tick in ticks]
 
 
@@ -104,7 +104,8 @@ def _surface(one: Obstacle, _centre: Floats, _reach: float) -> list[Floats]:
     # Two unit normals at an angle add up to 2 cos of half of it.
     smooth = (count == 2) & (np.linalg.norm(normals, axis=1) > 2.0 * np.sqrt(0.5 * (1.0 + _SHARP)))
     drawn = edges if smooth.all() else edges[~smooth]
-    return [np.linspace(*facets.points[ends], 8) for ends in drawn]
+    first, second = (facets.points[drawn[:, k]] for k in range(2))
+    return list(np.linspace(first, second, 8, axis=1))
 
 
 _LINES = {"plane": _plane, "sphere": _sphere, "cylinder": _cylinder, "drum": _drum, "box": _box, "surface": _surface}
