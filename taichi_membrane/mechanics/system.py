@@ -23,6 +23,7 @@ from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm, Term
 from taichi_membrane.mechanics.touching import Touching, contact_terms, friction_terms
 from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
+from taichi_membrane.mechanics.wall_contact import WallTerm
 from taichi_membrane.mechanics.water import WaterTerm
 
 
@@ -45,8 +46,9 @@ class System(Nodes):
         self.springs = SpringTerm(self, structure) if self.features.springs else None
         cables = [term for term in (self.cables, self.ropes) if term is not None]
         self.terms: tuple[ElementTerm, ...] = (self.triangles, *cables)
-        springs = [] if self.springs is None else [self.springs]
-        self.node_terms: tuple[NodeTerm, ...] = (*self.contacts, *self.frictions, *springs)
+        self.walls = WallTerm(self, structure) if self.features.walls else None
+        others = [term for term in (self.walls, self.springs) if term is not None]
+        self.node_terms: tuple[NodeTerm, ...] = (*self.contacts, *self.frictions, *others)
         self.upload(structure)
 
     def accepts(self, structure: Structure) -> bool:

@@ -40,6 +40,7 @@ from taichi_membrane.output.reader import (
     PATH,
     PATH_ARRAYS,
     SUMMARY,
+    WALL_ARRAYS,
     SavedRun,
     is_run,
     summary_checksum,
@@ -180,6 +181,9 @@ class Writer:
         if step.state.path is not None:
             points |= {name: getattr(step.state.path, name.removeprefix(PATH)) for name in PATH_ARRAYS}
         points |= {f"{FRICTION}{number}": forces for number, forces in enumerate(step.state.friction)}
+        if step.state.touched is not None:
+            both = zip(WALL_ARRAYS, (step.state.touched.partner, step.state.touched.push), strict=True)
+            points |= {f"{name}{side}": values[:, side] for name, values in both for side in range(2)}
         if step.modes is not None:
             points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
         return write_vtu(path, rest, self._lines, points, cells, places["cable"])
@@ -312,6 +316,7 @@ def _state_record(state: State) -> dict[str, Any]:
     scalars = None if path is None else {"factor": path.factor, "negative": path.negative, "length": path.length}
     return {
         "stiffest": state.stiffest, "let_out": state.let_out, "path": scalars, "friction": len(state.friction),
+        "walls": state.touched is not None,
     }  # fmt: skip
 
 

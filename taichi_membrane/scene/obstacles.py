@@ -13,6 +13,17 @@ _MOST_FACETS = 200_000
 _ALONG = 1e-6  # how far two axes may be off the right angle
 
 
+# The name that contact of walls with each other has among what is touched.
+WALLS = "contact"
+
+
+class WallContact(Record):
+    """Walls that touch each other, without friction, and do not pass through each other."""
+
+    group: GroupName | Annotated[list[GroupName], Field(min_length=1, max_length=100)] = "all"
+    """Elements that touch each other, by group or groups; ``all`` is every element."""
+
+
 class PlaneObstacle(Record):
     """A rigid plane that a stage may move."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
-from taichi_membrane.scene import Modes, Stage
+from taichi_membrane.scene import WALLS, Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.force_balance import force_balance
@@ -21,6 +21,9 @@ from taichi_membrane.simulation.results import ModeResult, StepResult
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.state import State
 from taichi_membrane.solvers.record import SolveRecord
+
+# Share of the largest force at a node that is none: a triangle's corner beside the point that is touched gets round-off.
+_NO_FORCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,7 @@ class Measure:
                 drivers=state.values,
                 let_out=dict(self.equilibrium.filling.let_out),
                 friction=self.equilibrium.contact.history,
+                touched=None if self.equilibrium.contact.walls is None else self.equilibrium.contact.walls.kept,
             ),
             seconds=time.perf_counter() - started,
             contact_forces={name: float(np.linalg.norm(one, axis=1).sum()) for name, one in contact.items()},
@@ -153,6 +157,8 @@ class Measure:
         found = {name: np.zeros((self.system.node_count, 3)) for name in self.model.scene.touchable}
         for one, forces in zip(self.system.contacts, self.system.touching().forces(), strict=True):
             found[one.obstacle.name] += forces
+        if self.system.walls is not None:
+            found[WALLS] += self.system.walls.forces()
         return found
 
     def _pushes(self) -> dict[str, Floats]:
@@ -160,13 +166,16 @@ class Measure:
         found = {name: np.zeros(self.system.node_count) for name in self.model.scene.touchable}
         for one, push in zip(self.system.contacts, self.system.touching().push, strict=True):
             found[one.obstacle.name] += push
+        if self.system.walls is not None:
+            size = np.linalg.norm(self.system.walls.forces(), axis=1)
+            found[WALLS] += np.where(size > _NO_FORCE * size.max(initial=0.0), size, 0.0)
         return found
 
     def again(self, step: StepResult) -> None:
         """Bring the system back to the state that a step left it in."""
         self.system.set_displacement(step.state.displacement)
         self.equilibrium.apply(LoadState(step.state.drivers))
-        self.equilibrium.contact.go_on(step.state.friction)
+        self.equilibrium.contact.go_on(step.state.friction, step.state.touched)
         if step.converged:
             # Handed on to the next step; a new one of a barely definite matrix may be refused.
             self._tangent(step.stage)
@@ -222,6 +231,8 @@ class Measure:
             why = "contact beside a pressure without a potential: not implemented"
         elif self._tangent_asked(stage.name) and self.system.frictions:
             why = "friction has no potential: whether it keeps the state stable is not looked for"
+        elif self._tangent_asked(stage.name) and self.system.walls is not None:
+            why = "contact of walls with each other: not implemented"
         elif self._tangent_asked(stage.name):
             why = "the tangent is singular"
         else:

@@ -38,12 +38,7 @@ def validate(model: Model) -> None:
             model.measured(probe)
         elif not isinstance(
             probe,
-            scenes.FactorProbe
-            | scenes.BodyProbe
-            | scenes.CableProbe
-            | scenes.AbsoluteProbe
-            | scenes.LevelProbe
-            | scenes.ContactProbe,
+            scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe | scenes.AbsoluteProbe | scenes.LevelProbe,
         ):
             group_nodes(mesh, probe.group, key)
 
@@ -111,8 +106,9 @@ def evaluate(
         elif isinstance(probe, scenes.BodyProbe):
             values[name] = _component(of_body(model, probe, displacement, reaction), probe.component)
         elif isinstance(probe, scenes.ContactProbe):
+            chosen = group_nodes(mesh, probe.group, key)
             values[name] = _of_contact(
-                probe, model, displacement, (contact or {})[probe.obstacle], (pushes or {})[probe.obstacle]
+                probe, model, displacement, (contact or {})[probe.obstacle], (pushes or {})[probe.obstacle], chosen
             )
         elif isinstance(probe, scenes.DisplacementProbe):
             mean = displacement[group_nodes(mesh, probe.group, key)].mean(axis=0)
@@ -213,11 +209,13 @@ def _of_cable(probe: scenes.CableProbe, model: Model, fields: FieldValues) -> fl
     return float(force.max() if probe.reduce == "max" else force.min())
 
 
-def _of_contact(probe: scenes.ContactProbe, model: Model, displacement: Floats, force: Floats, push: Floats) -> float:
-    """Resultant, area, or largest pressure of contact with one obstacle."""
+def _of_contact(
+    probe: scenes.ContactProbe, model: Model, displacement: Floats, force: Floats, push: Floats, nodes: Ints
+) -> float:
+    """Resultant, area, or largest pressure of contact with one obstacle on some nodes."""
     if probe.of == "force":
-        return _component(force.sum(axis=0), probe.component)
-    area = node_area(model.structure.mesh, displacement)
+        return _component(force[nodes].sum(axis=0), probe.component)
+    area, push = node_area(model.structure.mesh, displacement)[nodes], push[nodes]
     touched = push > 0.0
     if probe.of == "area":
         return float(area[touched].sum())

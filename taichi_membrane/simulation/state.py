@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from taichi_membrane.arrays import Floats
+from taichi_membrane.solvers.walls import Touched
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +36,7 @@ class State:
     :param let_out: amount of gas that relief valves have let out since the stage began, by the first pressure of each gas.
     :param path: where the stage's path is, of a stage by arc length.
     :param friction: (n, 3) friction forces of each obstacle that has friction, or of each of its walls.
+    :param touched: what walls touch of each other.
     """
 
     displacement: Floats
@@ -43,3 +45,4 @@ class State:
     let_out: Mapping[str, float]
     path: PathState | None = None
     friction: tuple[Floats, ...] = ()
+    touched: Touched | None = None
