@@ -154,6 +154,9 @@ def test_two_tubes_pressed_together_are_one_on_the_plane_between() -> None:
     assert last.probes["force"] == pytest.approx(alone.probes["force"], rel=1e-6)
     assert last.probes["between"] == pytest.approx(alone.probes["between"], rel=1e-6)
     assert last.probes["area"] == pytest.approx(alone.probes["area"])
+    for step in two.steps[1:]:
+        assert step.walls["searches"] > 2 * step.walls["patterns"] > 0
+        assert step.walls["crossings"] == 0
     assert last.imbalance < 1e-6
     assert last.stable is None
 
@@ -215,6 +218,7 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
     rest = resume(tmp_path / "part", render=False)
     for one, other in zip(whole.steps, rest.steps, strict=True):
         assert np.array_equal(one.displacement, other.displacement)
+        assert one.walls == other.walls
         assert one.state.touched is not None
         assert other.state.touched is not None
         assert np.array_equal(one.state.touched.partner, other.state.touched.partner)

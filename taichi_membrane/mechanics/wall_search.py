@@ -24,6 +24,8 @@ from taichi_membrane.mesh import Mesh
 REACH, MARGIN = 2.0, 0.75
 # Least cosine between two walls that face each other, and between the way to a wall and its normal.
 _FACES, _ACROSS = 0.3, 0.7
+# Length of the sum of the directed areas at a node, over the sum of their lengths, from which its wall has one normal there.
+_WHOLE = 0.5
 # In mean sides, a distance at which that is not asked for.
 _CLOSE = 0.1
 # Distances over the size of the structure that are none.
@@ -128,10 +130,14 @@ class Search:
         self.at = places[walls.corners]
         directed = np.cross(self.at[:, 1] - self.at[:, 0], self.at[:, 2] - self.at[:, 0])
         self.normal = directed / np.linalg.norm(directed, axis=1, keepdims=True).clip(1e-300)
-        total = np.zeros_like(places)
+        total, area = np.zeros_like(places), np.zeros(len(places))
         for corner in walls.corners.T:
             np.add.at(total, corner, directed)
-        self.node_normal = total / np.linalg.norm(total, axis=1, keepdims=True).clip(1e-300)
+            np.add.at(area, corner, np.linalg.norm(directed, axis=1))
+        length = np.linalg.norm(total, axis=1)
+        # None where the wall is folded, as at the rim of a flat bag.
+        whole = length > _WHOLE * area
+        self.node_normal = np.where(whole[:, None], total / length.clip(1e-300)[:, None], 0.0)
         sides = np.linalg.norm(self.at - np.roll(self.at, 1, axis=1), axis=2)
         self.side = float(sides.mean())
         self.radius = float(np.linalg.norm(self.at - self.at.mean(axis=1, keepdims=True), axis=2).max())
@@ -144,7 +150,9 @@ class Search:
         sign = np.where(side == 0, -1.0, 1.0) * np.where(facing < 0.0, -1.0, 1.0)
         smooth = np.einsum("ij,ijk->ik", share, self.node_normal[self.walls.corners[tri]])
         length = np.linalg.norm(smooth, axis=1, keepdims=True)
-        smooth = np.where(length > _FACES, smooth / length.clip(1e-300), self.normal[tri])
+        smooth = smooth / length.clip(1e-300)
+        along = np.einsum("ij,ij->i", smooth, self.normal[tri])[:, None]
+        smooth = np.where((length > _FACES) & (along > _ACROSS), smooth, self.normal[tri])
         normal = sign[:, None] * smooth
         way = self.places[node] - np.einsum("ij,ijk->ik", share, self.at[tri])
         return Found(node, side, tri, share, normal, np.einsum("ij,ij->i", way, normal), distance)

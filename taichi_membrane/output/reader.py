@@ -299,6 +299,7 @@ def _step(
         relieved=_numbers(record["relieved"]),
         balance={name: (_number(x), _number(y), _number(z)) for name, (x, y, z) in record["balance"].items()},
         imbalance=_number(record["imbalance"]),
+        walls={str(name): int(count) for name, count in record["walls"].items()},
     )
 
 

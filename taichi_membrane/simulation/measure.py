@@ -121,6 +121,7 @@ class Measure:
             contact_forces={name: float(np.linalg.norm(one, axis=1).sum()) for name, one in contact.items()},
             balance=dict(balance.resultants),
             imbalance=balance.error,
+            walls={} if self.equilibrium.contact.walls is None else self.equilibrium.contact.walls.counts(),
             relieved=relieved,
         )
         return probes.with_own(self.model, step)

@@ -46,7 +46,7 @@ class WallContact:
         count = self.system.node_count
         self.kept = Touched(partner=np.full((count, 2), -1), push=np.zeros((count, 2)))
         self.now = self.kept
-        self.searches = self.patterns = 0
+        self.searches = self.patterns = self.crossed = 0
         self.fresh = True
 
     def begin(self, bound: Floats) -> None:
@@ -85,13 +85,19 @@ class WallContact:
         """Keep what the present equilibrium touches."""
         self.kept, self.fresh = self._touched(), True
 
+    def counts(self) -> dict[str, int]:
+        """How many searches and patterns it has taken since this was asked last, and how many sides cross elements."""
+        found = {"searches": self.searches, "patterns": self.patterns, "crossings": self.crossed}
+        self.searches = self.patterns = 0
+        return found
+
     def passed(self) -> str:
         """Why the present state is no result: walls that have passed through each other. Empty where none have."""
-        count, depth = crossings(self.term.walls, self.system.structure.points + self.system.displacement())
-        self.crossed = count
+        place = self.system.structure.points + self.system.displacement()
+        self.crossed, depth = crossings(self.term.walls, place)
         if depth <= THROUGH:
             return ""
-        return f"walls have passed through each other: {count} sides, the deepest by {depth:.2g} of its length"
+        return f"walls have passed through each other: {self.crossed} sides, the deepest by {depth:.2g} of its length"
 
     def _touched(self) -> Touched:
         """Partners and pushes at the present state, of the pairs that are set."""
@@ -107,6 +113,7 @@ class WallContact:
     def _place(self, *, fresh: bool = False) -> None:
         search = self._search()
         found = search.partners(self.now.partner, self.before)
+        self.searches += 1
         self.term.set(found, self.bound[found.node], self.now.push[found.node, found.side])
         if self.tangent is not None and (fresh or not self.tangent.has(couples(self.term.walls, found))):
             pairs = search.pattern(found)
