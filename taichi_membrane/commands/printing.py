@@ -23,7 +23,7 @@ from taichi_membrane.output.tables import (
     with_unit,
 )
 from taichi_membrane.scene import Cable, Fabric, Scene, Spring, Stage, Units
-from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, stage_values
+from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, friction_words, stage_values
 from taichi_membrane.scene.element_field import ElementField, given_text
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.chambers import surfaces
@@ -46,6 +46,8 @@ def print_run(console: Console, result: RunResult) -> None:
         _print_wrapped(console, "relief", line)
     for line in balance_lines(result):
         _print_wrapped(console, "balance", line)
+    for line in wall_lines(result):
+        _print_wrapped(console, "contact", line)
     _print_at_rest(console, result)
     _print_unknown(console, result)
     if result.checks:
@@ -86,6 +88,17 @@ def balance_lines(result: RunResult) -> list[str]:
             f"{name} ({', '.join(f'{part:.4g}' for part in vector)}) {unit}" for name, vector in step.balance.items()
         )
         + f"; together {step.imbalance:.1e} of the largest"
+        for stage, step in ends.items()
+    ]
+
+
+def wall_lines(result: RunResult) -> list[str]:
+    """What contact of walls with each other took, and whether sides of elements cross, of the stages' ends."""
+    ends = {step.stage: step for step in result.steps if step.converged and step.walls}
+    return [
+        f"of walls in {stage}: {sum(one.walls['searches'] for one in result.steps if one.stage == stage)} searches, "
+        f"{sum(one.walls['patterns'] for one in result.steps if one.stage == stage)} patterns of the matrix; "
+        f"{step.walls['crossings']} sides of elements cross others"
         for stage, step in ends.items()
     ]
 
@@ -244,12 +257,16 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
         *(("pressure", line) for line in _potential_lines(model)),
         *(("chamber", line) for line in _chamber_lines(model)),
         *(("cable", f"{name}: {_cable_line(item)}") for name, item in scene.cables.items()),
-        *(("plane", f"{name}: through {list(item.through)}, for {item.group}") for name, item in scene.planes.items()),
         *(
-            ("obstacle", f"{name}: {item.kind}, for {item.group}")
+            ("plane", f"{name}: through {list(item.through)}, for {item.group}{friction_words(item.friction)}")
+            for name, item in scene.planes.items()
+        ),
+        *(
+            ("obstacle", f"{name}: {item.kind}, for {item.group}{friction_words(item.friction)}")
             for name, item in scene.obstacles.items()
             if item.direction is None
         ),
+        *([] if scene.contact is None else [("contact", f"of walls with each other: {_grouped(scene.contact.group)}")]),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         ("probes", ", ".join(scene.probes) or "none"),
         ("checks", str(len(scene.checks)) if scene.checks else "none"),
@@ -260,6 +277,10 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
     for label, text in lines:
         _print_wrapped(console, f"{label if label != before else '':<11}", text)
         before = label
+
+
+def _grouped(groups: str | list[str]) -> str:
+    return groups if isinstance(groups, str) else ", ".join(groups)
 
 
 def _potential_lines(model: Model) -> list[str]:

@@ -1,4 +1,6 @@
-"""Contact of nodes with a rigid obstacle, without friction, by an augmented Lagrangian; what all kinds of obstacles share.
+"""Contact of nodes with a rigid obstacle, across it, by an augmented Lagrangian; what all kinds of obstacles share.
+
+What acts along it is friction (:mod:`friction`), where there is any.
 
 At a gap g(x), the signed distance of a node from the obstacle, it is pushed with p = <λ - k g> along the normal n = ∇g: minus the
 gradient of <λ - k g>²/(2k), whose second derivative is k n nᵀ - p H where there is contact, H = ∇n the curvature of the distance.
@@ -81,12 +83,11 @@ class ContactTerm(ABC):
 
     @ti.func
     def energy(self, i):
-        """Its potential; zero where there is no stiffness."""
+        """Its potential, zero where the push is the multiplier or there is no stiffness."""
         gap, _normal, _curvature = self.distance(i)
         stiffness = self.node_contact[i][1]
-        return ti.select(
-            stiffness > 0.0, 0.5 * self.push(i, gap) ** 2 / ti.max(stiffness, 1e-30), ti.cast(0.0, self.fp)
-        )
+        work = 0.5 * (self.push(i, gap) ** 2 - self.node_contact[i][2] ** 2)
+        return ti.select(stiffness > 0.0, work / ti.max(stiffness, 1e-30), ti.cast(0.0, self.fp))
 
     @ti.func
     def bound(self, i):

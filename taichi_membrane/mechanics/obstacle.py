@@ -16,7 +16,7 @@ ObstacleKind = Literal["plane", "sphere", "cylinder", "drum", "box", "surface"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle:
-    """A rigid obstacle that nodes touch without friction and do not pass.
+    """A rigid obstacle that nodes touch and do not pass.
 
     :param name: of the scene's plane or obstacle that it is, or is a wall of.
     :param nodes: numbers of the nodes that it holds up.
@@ -28,6 +28,7 @@ class Obstacle:
     :param motion: displacement at value 1 of its motion; zero where it stays.
     :param facets: the triangles of a surface.
     :param offset: distance from the facets at which nodes touch.
+    :param friction: coefficient of Coulomb friction.
     """
 
     name: str
@@ -41,8 +42,9 @@ class Obstacle:
     motion: Floats = field(default_factory=lambda: np.zeros(3))
     facets: Facets | None = None
     offset: float = 0.0
+    friction: float = 0.0
 
     @property
-    def code(self) -> tuple[str, bool]:
+    def code(self) -> tuple[str, bool, bool]:
         """What of it is compiled."""
-        return self.kind, self.hollow
+        return self.kind, self.hollow, self.friction > 0.0

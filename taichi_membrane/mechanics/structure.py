@@ -24,6 +24,7 @@ from taichi_membrane.mechanics.preparation import (
     TriangleGeometry,
     Water,
 )
+from taichi_membrane.mechanics.wall_search import Walls
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import WrinklingLaw
 
@@ -52,7 +53,7 @@ class Features:
     ``water``: how many liquids.
     ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``ropes``: cables that
     slide over nodes. ``springs``: nodes on springs to the ground. ``obstacles``: of each what is compiled.
-    ``bodies``: rigid node groups.
+    ``walls``: elements that touch each other. ``bodies``: rigid node groups.
     """
 
     variants: tuple[Variant, ...]
@@ -69,7 +70,8 @@ class Features:
     cables: bool
     ropes: bool
     springs: bool
-    obstacles: tuple[tuple[str, bool], ...]
+    obstacles: tuple[tuple[str, bool, bool], ...]
+    walls: bool
     bodies: bool
 
     def describe(self) -> tuple[list[str], list[str]]:
@@ -96,6 +98,8 @@ class Features:
             "sliding cables": self.ropes,
             "springs to the ground": self.springs,
             "contact with obstacles": bool(self.obstacles),
+            "contact of walls with each other": self.walls,
+            "friction": any(friction for _, _, friction in self.obstacles),
             "rigid bodies": self.bodies,
         }
         return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]
@@ -120,6 +124,7 @@ class Structure:
     :param wind: (tri_count, n) pressure along each triangle's normal at value 1 of each wind.
     :param tri_thickness: (tri_count,) thickness at rest, where it differs within a fabric.
     :param tri_prestress: (tri_count, 3) stress at zero strain in fabric axes (warp, weft, shear), where it differs within a fabric.
+    :param walls: elements that touch each other.
     :param growth: (tri_count, 2, n) relative extension of the free fabric in warp and weft at value 1 of each of its drivers.
     """
 
@@ -136,6 +141,7 @@ class Structure:
     ropes: Ropes | None = None
     springs: Springs | None = None
     obstacles: tuple[Obstacle, ...] = ()
+    walls: Walls | None = None
     wind: Floats | None = None
     snow: PlanLoads | None = None
     water: tuple[Water, ...] = ()
@@ -340,6 +346,7 @@ class Structure:
             ropes=self.ropes is not None,
             springs=self.springs is not None,
             obstacles=tuple(one.code for one in self.obstacles),
+            walls=self.walls is not None,
             bodies=bool(self.bodies),
         )
 

@@ -21,8 +21,9 @@ from taichi_membrane.mechanics.springs import SpringTerm
 from taichi_membrane.mechanics.strain_offset import StrainOffset, self_stress_norm
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.terms import ElementTerm, NodeTerm, Term
-from taichi_membrane.mechanics.touching import Touching, contact_terms
+from taichi_membrane.mechanics.touching import Touching, contact_terms, friction_terms
 from taichi_membrane.mechanics.triangles import Triangles, swept_volumes
+from taichi_membrane.mechanics.wall_contact import WallTerm
 from taichi_membrane.mechanics.water import WaterTerm
 
 
@@ -40,11 +41,14 @@ class System(Nodes):
         self.cables = CableTerm(self, structure) if self.features.cables else None
         self.ropes = RopeTerm(self, structure) if self.features.ropes else None
         self.contacts = contact_terms(self, structure)
+        self.frictions = friction_terms(self, structure, self.contacts)
         self.rigid = (RigidBodies(self, structure),) if self.features.bodies else ()
         self.springs = SpringTerm(self, structure) if self.features.springs else None
         cables = [term for term in (self.cables, self.ropes) if term is not None]
         self.terms: tuple[ElementTerm, ...] = (self.triangles, *cables)
-        self.node_terms: tuple[NodeTerm, ...] = (*self.contacts, *([] if self.springs is None else [self.springs]))
+        self.walls = WallTerm(self, structure) if self.features.walls else None
+        others = [term for term in (self.walls, self.springs) if term is not None]
+        self.node_terms: tuple[NodeTerm, ...] = (*self.contacts, *self.frictions, *others)
         self.upload(structure)
 
     def accepts(self, structure: Structure) -> bool:
@@ -235,7 +239,10 @@ class System(Nodes):
         if self.contacts:
             self._contact_kernel(out)
         values = out.astype(np.float64)
-        return Touching(gap=values[..., 0], push=values[..., 1], normal=values[..., 2:])
+        friction = np.zeros((*values.shape[:2], 3))
+        for one in self.frictions:
+            friction[one.contact.number] = one.forces()
+        return Touching(gap=values[..., 0], push=values[..., 1], normal=values[..., 2:], friction=friction)
 
     def place_obstacles(self, values: Mapping[str, float]) -> None:
         """Move obstacles, by the names of their motions."""

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from taichi_membrane.algebra.elimination import Elimination, eliminate
 from taichi_membrane.algebra.protocol import DIRECT, Algebra
 from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.bodies import ORDINARY
 from taichi_membrane.mechanics.nodes import Array
-from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.reduction import Reduction
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
@@ -45,12 +47,40 @@ class Tangent:
     def upload(self) -> None:
         """Take over the structure that is now in the system's fields."""
         structure = self.system.structure
-        self.elimination = structure.elimination
-        self.solver = self.algebra.solver(self.elimination, runtime.current().threads)
-        elimination = self.elimination
-        self._write(elimination.node_block, elimination.edge_block, elimination.edge_node, *structure.edge_pairs)
-        self.blocks = np.zeros((self.elimination.block_count, 3, 3))
-        self.reduction = Reduction(structure, elimination) if structure.bodies else None
+        self._take(structure.elimination, np.arange(len(structure.edges)), structure.edge_pairs)
+        self.couples: Ints = np.zeros((0, 2), dtype=np.int64)  # beyond the elements' own
+        self.reduction = Reduction(structure, self.elimination) if structure.bodies else None
+
+    def _take(self, elimination: Elimination, own: Ints, pairs: tuple[Ints, Ints]) -> None:
+        """Write to the blocks of a symbolic factorisation.
+
+        :param own: which of its edges elements have.
+        """
+        self.elimination, self.solver = elimination, self.algebra.solver(elimination, runtime.current().threads)
+        self._write(elimination.node_block, elimination.edge_block[own], elimination.edge_node[own], *pairs)
+        self.blocks = np.zeros((elimination.block_count, 3, 3))
+
+    def couple(self, pairs: Ints) -> None:
+        """Make room for what contact couples beside the elements: another symbolic factorisation.
+
+        :param pairs: (k, 2) nodes, the lower number first.
+        """
+        structure = self.system.structure
+        count, edges = structure.node_count, structure.edges.astype(np.int64)
+        self.couples = pairs
+        self._edge_keys = np.unique(np.concatenate([edges, pairs]) @ [count, 1])
+        every = np.column_stack(np.divmod(self._edge_keys, count)).astype(np.int32)
+        elimination = eliminate(structure.points, every)
+        own = np.searchsorted(self._edge_keys, edges @ [count, 1])
+        rows = elimination.edge_node[own, 1]
+        self._take(elimination, own, preparation.pair_lists(structure.pairs, structure.edges, rows, count))
+
+    def has(self, pairs: Ints) -> bool:
+        """Whether there is room for what contact couples."""
+        if not len(self.couples):
+            return not len(pairs)
+        keys = pairs @ np.array([self.system.structure.node_count, 1])
+        return bool(np.isin(keys, self._edge_keys).all())
 
     @ti.kernel
     def _write(
@@ -119,7 +149,11 @@ class Tangent:
     def assemble(self) -> Floats:
         """Blocks of the lower triangle (block_count, 3, 3) at the present displacements and pressures, of the freedoms; the same
         array each time. Held components have 1 on the diagonal and 0 beside it."""
+        if len(self.couples):
+            self.blocks[:] = 0.0
         self._assemble(self.blocks)
+        if self.system.walls is not None and len(self.couples):
+            self.system.walls.add_blocks(self.blocks, self.elimination, self._edge_keys)
         if self.reduction is not None:
             one = self.reduction
             of_slots, of_pairs = np.zeros((len(one.slots), 3, 3)), np.zeros((len(one.pairs), 3, 3))

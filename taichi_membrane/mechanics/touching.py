@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.mechanics.contact import ContactTerm
+from taichi_membrane.mechanics.friction import FrictionTerm
 from taichi_membrane.mechanics.nodes import Nodes
 from taichi_membrane.mechanics.obstacles import BoxTerm, DrumTerm, RoundTerm
 from taichi_membrane.mechanics.planes import PlaneTerm
@@ -32,6 +34,13 @@ def contact_terms(nodes: Nodes, structure: Structure) -> tuple[ContactTerm, ...]
     return tuple(_TERMS[one.kind](nodes, structure, number) for number, one in enumerate(structure.obstacles))
 
 
+def friction_terms(nodes: Nodes, structure: Structure, contacts: Sequence[ContactTerm]) -> tuple[FrictionTerm, ...]:
+    """The terms of those that have friction."""
+    return tuple(
+        FrictionTerm(nodes, structure, one) for one in contacts if structure.obstacles[one.number].friction > 0.0
+    )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Touching:
     """Contact at one instant.
@@ -39,11 +48,13 @@ class Touching:
     :param gap: (obstacles, node_count) distance of each node from each obstacle, negative where it has passed it.
     :param push: (obstacles, node_count) contact forces.
     :param normal: (obstacles, node_count, 3) their directions.
+    :param friction: (obstacles, node_count, 3) friction forces.
     """
 
     gap: Floats
     push: Floats
     normal: Floats
+    friction: Floats
 
     @property
     def active(self) -> NDArray[np.bool_]:
@@ -51,8 +62,8 @@ class Touching:
         return np.asarray(self.push > 0.0)
 
     def forces(self) -> Floats:
-        """(obstacles, node_count, 3) contact forces."""
-        return np.asarray(self.push[..., None] * self.normal)
+        """(obstacles, node_count, 3) contact forces, with friction."""
+        return np.asarray(self.push[..., None] * self.normal + self.friction)
 
     def deepest(self) -> float:
         """How far nodes that are pushed have passed an obstacle at most."""

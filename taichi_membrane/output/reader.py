@@ -32,14 +32,17 @@ from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
+from taichi_membrane.solvers.walls import Touched
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 7
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 8
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 CABLE = "cable"  # array of the lines of mesh.vtu and of the steps' files: number of the cable in the scene
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members
 DATA = "data:"  # begins the name of an array in mesh.vtu that the scene takes values of elements from
 PATH = "path_"  # begins the names of what a stage by arc length goes on from
 PATH_ARRAYS = ("path_tangent", "path_advance")
+WALL_ARRAYS = ("wall_partner_", "wall_push_")  # with the number of a side, what a node touches of other walls
+FRICTION = "friction_"  # with a number, the friction forces of an obstacle that a run goes on from
 MODE = "mode_"  # begins the name of a mode shape in a step's file
 
 
@@ -260,7 +263,8 @@ def _step(
         lines = {one: np.zeros(0) for field in tables.FIELDS if field.place == "cable" for one in field.arrays}
 
     def per_node(name: str) -> Floats:
-        return _array(path, points, name, (mesh.node_count, 3))
+        shape = (mesh.node_count,) if name.startswith(WALL_ARRAYS) else (mesh.node_count, 3)
+        return _array(path, points, name, shape)
 
     fields: dict[str, NDArray[Any]] = {}
     for field in held:
@@ -295,6 +299,7 @@ def _step(
         relieved=_numbers(record["relieved"]),
         balance={name: (_number(x), _number(y), _number(z)) for name, (x, y, z) in record["balance"].items()},
         imbalance=_number(record["imbalance"]),
+        walls={str(name): int(count) for name, count in record["walls"].items()},
     )
 
 
@@ -327,7 +332,15 @@ def _state(record: dict[str, Any], displacement: Floats, per_node: Callable[[str
         stiffest=float(given["stiffest"]),
         let_out=_numbers(given["let_out"]),
         path=path,
+        touched=_touched(per_node) if given["walls"] else None,
+        friction=tuple(per_node(f"{FRICTION}{number}") for number in range(int(given["friction"]))),
     )
+
+
+def _touched(per_node: Callable[[str], Floats]) -> Touched:
+    """What walls touch of each other."""
+    partner, push = (np.stack([per_node(f"{name}{side}") for side in range(2)], axis=1) for name in WALL_ARRAYS)
+    return Touched(partner=partner.astype(np.int64), push=push)
 
 
 def _number(value: Any) -> float:

@@ -33,12 +33,14 @@ from taichi_membrane.output.reader import (
     DATA,
     FORMAT,
     FORMAT_VERSION,
+    FRICTION,
     GROUP,
     MESH,
     MODE,
     PATH,
     PATH_ARRAYS,
     SUMMARY,
+    WALL_ARRAYS,
     SavedRun,
     is_run,
     summary_checksum,
@@ -178,6 +180,10 @@ class Writer:
         cells["fabric"] = self._tri_fabric
         if step.state.path is not None:
             points |= {name: getattr(step.state.path, name.removeprefix(PATH)) for name in PATH_ARRAYS}
+        points |= {f"{FRICTION}{number}": forces for number, forces in enumerate(step.state.friction)}
+        if step.state.touched is not None:
+            both = zip(WALL_ARRAYS, (step.state.touched.partner, step.state.touched.push), strict=True)
+            points |= {f"{name}{side}": values[:, side] for name, values in both for side in range(2)}
         if step.modes is not None:
             points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
         return write_vtu(path, rest, self._lines, points, cells, places["cable"])
@@ -305,10 +311,13 @@ def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
 
 
 def _state_record(state: State) -> dict[str, Any]:
-    """What a load step hands on, but its displacements and drivers, which stand beside it, and the arrays of its path."""
+    """What a load step hands on, but its displacements and drivers, which stand beside it, and the arrays of path and friction."""
     path = state.path
     scalars = None if path is None else {"factor": path.factor, "negative": path.negative, "length": path.length}
-    return {"stiffest": state.stiffest, "let_out": state.let_out, "path": scalars}
+    return {
+        "stiffest": state.stiffest, "let_out": state.let_out, "path": scalars, "friction": len(state.friction),
+        "walls": state.touched is not None,
+    }  # fmt: skip
 
 
 def _field_notes(scene: Scene, *, cables: bool) -> dict[str, dict[str, Any]]:

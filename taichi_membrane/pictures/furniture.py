@@ -28,7 +28,7 @@ from taichi_membrane.pictures.camera import CORNER_BOXES, PAGE_MARGIN, Camera, f
 
 DPI = 100
 INK, GREY = "#16181d", "#5a5f69"
-LOAD, SUPPORT, OUTLINE = "#c2185b", "#00695c", "#4a4f58"
+LOAD, SUPPORT, OUTLINE, OBSTACLE = "#c2185b", "#00695c", "#4a4f58", "#5a5f69"
 SLACK_CABLE = (0.45, 0.45, 0.45)
 AXIS_COLOURS = ("#c0392b", "#1e8449", "#1f5fb0")
 TITLE, TEXT, SMALL = 29.0, 21.0, 18.0  # pixels

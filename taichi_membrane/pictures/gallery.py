@@ -16,7 +16,9 @@ from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_cur
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve
 from taichi_membrane.simulation.load_marks import load_marks
+from taichi_membrane.simulation.load_state import of_kind
 from taichi_membrane.simulation.members import line_elements
+from taichi_membrane.simulation.obstacle_lines import obstacle_lines
 from taichi_membrane.simulation.results import RunResult, StepResult
 
 
@@ -24,10 +26,10 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
     """Draw every step, then the animation and the curve; yields each file as it is in place."""
     scene, steps = result.scene, result.steps
     view, look = _view_of(result, camera)
-    pictures = []
+    pictures, box = [], _box(result)
     for step in steps:
         path = directory / f"step_{step.number:04d}.png"
-        draw_frame(_frame(result, step, camera), look=look, camera=view, path=path)
+        draw_frame(_frame(result, step, camera, box), look=look, camera=view, path=path)
         pictures.append(path)
         yield path
     if len(pictures) > 1:
@@ -41,7 +43,7 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
 def draw_last_step(result: RunResult, camera: Camera, path: Path) -> None:
     """Draw the last step as :func:`draw_run` does, alone."""
     view, look = _view_of(result, camera)
-    draw_frame(_frame(result, result.steps[-1], camera), look=look, camera=view, path=path)
+    draw_frame(_frame(result, result.steps[-1], camera, _box(result)), look=look, camera=view, path=path)
 
 
 def _view_of(result: RunResult, camera: Camera) -> tuple[ViewCamera, Look]:
@@ -95,7 +97,13 @@ def _cable_range(steps: tuple[StepResult, ...]) -> tuple[float, float] | None:
     return (float(taut.min()), float(taut.max())) if taut.size else None
 
 
-def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
+def _box(result: RunResult) -> tuple[Floats, Floats]:
+    """Lowest and highest coordinates of all that a run shows."""
+    places = [result.mesh.points, *(result.mesh.points + step.displacement for step in result.steps)]
+    return np.min([one.min(axis=0) for one in places], axis=0), np.max([one.max(axis=0) for one in places], axis=0)
+
+
+def _frame(result: RunResult, step: StepResult, camera: Camera, box: tuple[Floats, Floats]) -> Frame:
     scene, mesh = result.scene, result.mesh
     held = [mesh.node_groups[name] for name in (*(support.group for support in scene.supports), *scene.anchors)]
     points = mesh.points + step.displacement
@@ -117,6 +125,7 @@ def _frame(result: RunResult, step: StepResult, camera: Camera) -> Frame:
         length_unit=scene.units.length,
         arrows=_arrows(result, step, points),
         supports=np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *held])),
+        obstacles=tuple(obstacle_lines(scene, mesh, of_kind(step.drivers, "obstacle"), box)),
     )
 
 

@@ -22,7 +22,8 @@ from taichi_membrane.pictures.animation import write_animation
 from taichi_membrane.pictures.cables import cable_bar, draw_cables
 from taichi_membrane.pictures.camera import VIEWER_DISTANCE, Camera, Projection, fit_camera, furniture_scale
 from taichi_membrane.pictures.colours import PALETTE, RAMP
-from taichi_membrane.pictures.furniture import INK, OUTLINE, SLACK_CABLE, SUPPORT, ColourBar, Page
+from taichi_membrane.pictures.furniture import INK, OBSTACLE, OUTLINE, SLACK_CABLE, SUPPORT, ColourBar, Page
+from taichi_membrane.pictures.obstacles import draw_obstacles
 from taichi_membrane.pictures.symbols import draw_loads, draw_supports
 from taichi_membrane.pictures.wrinkle_lines import wrinkle_lines
 
@@ -45,6 +46,7 @@ class Frame:
     deformed configuration; not used where slack. ``scalar``: (m,) per triangle (averaged to the nodes) or (n,) per node.
     ``cables`` (k, 2): nodes of their straight pieces; ``cable_force`` (k,) zero where slack.
     ``arrows``: origin (3,), direction (3,), label of each load. ``supports`` (k,): supported nodes.
+    ``obstacles``: polylines (k, 3) of what the structure touches.
     """
 
     points: Floats
@@ -64,6 +66,7 @@ class Frame:
     length_unit: str = "m"
     arrows: tuple[tuple[Floats, Floats, str], ...] = ()
     supports: NDArray[np.int32] | tuple[int, ...] = ()
+    obstacles: tuple[Floats, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -317,6 +320,10 @@ def _draw_over_surface(
         )  # fmt: skip
         dark = [_brightness(pixels.colour, line) < 85.0 for line in lines]
         page.lines(lines, colours=["white" if d else INK for d in dark], width=1.8, capstyle="butt")
+    if frame.obstacles:
+        seen = [page.camera.project(line) for line in frame.obstacles]
+        nets = [np.column_stack([one[:, :2], scale.nearness(one[:, 2])]) for one in seen]
+        draw_obstacles(page, nets, pixels.nearness, _ON_SURFACE / scale.radii)
     if len(frame.cables):
         ends = np.asarray(frame.cables, dtype=np.int64)
         places = np.dstack([screen[ends][..., :2], scale.nearness(screen[ends][..., 2])])
@@ -345,6 +352,8 @@ def _legend_rows(
             rows.append(("border of the wrinkled zone", {"color": INK, "lw": page.points(1.8), "alpha": 0.55}))
     if len(frame.cables) and not np.all(frame.cable_force):
         rows.append(("slack cable", {"color": SLACK_CABLE, "lw": page.points(3.6), "dashes": (2.0, 1.6)}))
+    if frame.obstacles:
+        rows.append(("obstacle", {"color": OBSTACLE, "lw": page.points(1.4)}))
     if look.show_outline:
         rows.append(("undeformed outline", {"color": OUTLINE, "lw": page.points(1.8), "dashes": (5.0, 3.0)}))
     if look.show_supports and len(frame.supports):

@@ -38,12 +38,14 @@ from taichi_membrane.scene.mesh_source import (
 )
 from taichi_membrane.scene.models import Check, Group, Scene, Units
 from taichi_membrane.scene.obstacles import (
+    WALLS,
     BoxObstacle,
     CylinderObstacle,
     Obstacle,
     PlaneObstacle,
     SphereObstacle,
     SurfaceObstacle,
+    WallContact,
 )
 from taichi_membrane.scene.probe import (
     AbsoluteProbe,
@@ -78,6 +80,7 @@ from taichi_membrane.scene.support import (
 )
 
 __all__ = [
+    "WALLS",
     "AbsoluteProbe",
     "AnnulusShape",
     "AnyLoad",
@@ -146,6 +149,7 @@ __all__ = [
     "Units",
     "Vector",
     "VolumeProbe",
+    "WallContact",
     "WarpSource",
     "WaterLoad",
     "WedgeShape",

@@ -37,6 +37,7 @@ def _readable(value: str) -> str:
 
 Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_not_tiny)]
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Friction = Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
 Direction = Annotated[Vector, AfterValidator(_has_length)]
 GroupName = Annotated[str, Field(min_length=1, max_length=200)]  # groups of mesh files have names of any kind

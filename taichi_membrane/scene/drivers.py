@@ -159,10 +159,15 @@ DRIVERS: tuple[DriverKind, ...] = (
     ),
     DriverKind(
         name="obstacle", table="obstacles", key="obstacles", unit=_motion_unit,
-        words=lambda item: f"{item.kind}, for {item.group}, moved along {list(item.direction)}",
+        words=lambda item: f"{item.kind}, for {item.group}, moved along {list(item.direction)}{friction_words(item.friction)}",
         possible=lambda item: item.direction is not None,
     ),
 )  # fmt: skip
+
+
+def friction_words(coefficient: float) -> str:
+    """Friction of an obstacle, in words; nothing where there is none."""
+    return f", friction {coefficient:g}" if coefficient else ", without friction"
 
 
 def driver_names(scene: Scene) -> list[str]:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene.base import LARGEST, MOST, Direction, Finite, GroupName, Positive, Record, Vector
+from taichi_membrane.scene.base import LARGEST, MOST, Direction, Finite, Friction, GroupName, Positive, Record, Vector
 
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 
@@ -113,7 +113,7 @@ class Spring(Record):
 
 
 class Plane(Record):
-    """A rigid plane that nodes touch without friction and do not pass; what touches it at rest may lie on it by weight."""
+    """A rigid plane that nodes touch and do not pass; what touches it at rest may lie on it by weight."""
 
     through: Vector
     """A point of it."""
@@ -121,3 +121,5 @@ class Plane(Record):
     """Direction of its normal, to the side where the structure is."""
     group: GroupName = "all"
     """Nodes that it holds up; ``all`` is every node."""
+    friction: Friction = 0.0
+    """Coefficient of Coulomb friction; nodes slide freely without it."""

@@ -22,7 +22,7 @@ from taichi_membrane.scene.growth import Shrinkage, Temperature
 from taichi_membrane.scene.loads import AnyLoad, BodyLoad, Pressure, SnowLoad, WaterLoad, WeightLoad
 from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import MeshSource
-from taichi_membrane.scene.obstacles import Obstacle
+from taichi_membrane.scene.obstacles import WALLS, Obstacle, WallContact
 from taichi_membrane.scene.probe import (
     AbsoluteProbe,
     BodyProbe,
@@ -147,6 +147,8 @@ class Scene(Record):
     """Planes that nodes touch and do not pass, by name."""
     obstacles: Annotated[dict[Name, Obstacle], Field(max_length=8)] = {}
     """Spheres, cylinders, boxes, surfaces and planes that nodes touch and do not pass, and that stages may move, by name."""
+    contact: WallContact | None = None
+    """Which walls touch each other; without it they pass through each other."""
     bodies: Annotated[dict[Name, Body], _FEW] = {}
     """Node groups that move as rigid bodies, by name."""
     supports: Annotated[list[Support], _FEW] = []
@@ -294,11 +296,14 @@ class Scene(Record):
         for name in self.obstacles:
             if name in self.planes:
                 raise ValueError(f"obstacles.{name}: planes.{name} has the name already")
+        for table in ("planes", "obstacles"):
+            if self.contact is not None and WALLS in getattr(self, table):
+                raise ValueError(f"{table}.{WALLS}: contact of walls with each other has the name already")
         for name, probe in self.probes.items():
             if isinstance(probe, ContactProbe):
                 _known(probe.obstacle, self.touchable, f"probes.{name}.obstacle", "a plane or an obstacle")
         if self.touchable:
-            told = f"is not implemented for a scene with {'planes' if self.planes else 'obstacles'}"
+            told = f"is not implemented for a scene with {self._touched_words}"
             if self.derivatives or self.modes is not None:
                 raise ValueError(f"{'derivatives' if self.derivatives else 'modes'} {told}")
             for stage in self.stages:
@@ -324,9 +329,13 @@ class Scene(Record):
         if self.bodies:
             told = "is not implemented for a scene with bodies"
             if self.touchable:
-                raise ValueError(f"{'planes' if self.planes else 'obstacles'}: contact {told}")
+                raise ValueError(f"{self._touched_words}: contact {told}")
             if self.modes is not None and self.modes.kind == "vibration":
                 raise ValueError(f"modes.kind = 'vibration' {told}, which have no masses")
+
+    @property
+    def _touched_words(self) -> str:
+        return "planes" if self.planes else "obstacles" if self.obstacles else WALLS
 
     @property
     def forms(self) -> bool:
@@ -335,8 +344,8 @@ class Scene(Record):
 
     @property
     def touchable(self) -> list[str]:
-        """Names of all planes and obstacles, in the order in which results have them."""
-        return [*self.planes, *self.obstacles]
+        """Names of all planes and obstacles, in the order in which results have them; last that of walls that touch each other."""
+        return [*self.planes, *self.obstacles, *([] if self.contact is None else [WALLS])]
 
     @property
     def holding(self) -> list[tuple[str, str]]:

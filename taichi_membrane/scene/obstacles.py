@@ -1,4 +1,4 @@
-"""Rigid obstacles beside planes, which stages may move: what nodes touch without friction and do not pass."""
+"""Rigid obstacles beside planes, which stages may move: what nodes touch and do not pass."""
 
 from __future__ import annotations
 
@@ -7,10 +7,21 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene.base import LARGEST, Direction, GroupName, Positive, Record, Vector
+from taichi_membrane.scene.base import LARGEST, Direction, Friction, GroupName, Positive, Record, Vector
 
 _MOST_FACETS = 200_000
 _ALONG = 1e-6  # how far two axes may be off the right angle
+
+
+# The name that contact of walls with each other has among what is touched.
+WALLS = "contact"
+
+
+class WallContact(Record):
+    """Walls that touch each other, without friction, and do not pass through each other."""
+
+    group: GroupName | Annotated[list[GroupName], Field(min_length=1, max_length=100)] = "all"
+    """Elements that touch each other, by group or groups; ``all`` is every element."""
 
 
 class PlaneObstacle(Record):
@@ -22,6 +33,8 @@ class PlaneObstacle(Record):
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
     """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    friction: Friction = 0.0
+    """Coefficient of Coulomb friction; nodes slide freely without it."""
     through: Vector
     """A point of it."""
     normal: Direction
@@ -37,6 +50,8 @@ class SphereObstacle(Record):
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
     """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    friction: Friction = 0.0
+    """Coefficient of Coulomb friction; nodes slide freely without it."""
     centre: Vector
     """Its centre."""
     radius: Positive
@@ -54,6 +69,8 @@ class CylinderObstacle(Record):
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
     """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    friction: Friction = 0.0
+    """Coefficient of Coulomb friction; nodes slide freely without it."""
     centre: Vector
     """A point of its axis, the middle where it has ends."""
     axis: Direction
@@ -85,6 +102,8 @@ class BoxObstacle(Record):
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
     """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    friction: Friction = 0.0
+    """Coefficient of Coulomb friction; nodes slide freely without it."""
     centre: Vector
     """Its centre."""
     size: tuple[Positive, Positive, Positive]
@@ -123,6 +142,8 @@ class SurfaceObstacle(Record):
     """Nodes that it holds up; ``all`` is every node."""
     direction: Direction | None = None
     """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
+    friction: Friction = 0.0
+    """Coefficient of Coulomb friction; nodes slide freely without it."""
     path: str | None = None
     """Mesh file, relative to the scene's; all its triangles count."""
     scale: Positive = 1.0

@@ -168,15 +168,17 @@ class CableProbe(Record):
 
 
 class ContactProbe(Record):
-    """What a plane or an obstacle of the scene does to the structure."""
+    """What a plane or an obstacle of the scene does to the structure, or walls to each other."""
 
     kind: Literal["contact"]
     """Of an obstacle or a plane."""
     obstacle: Name
-    """Name of the obstacle or plane."""
+    """Name of the obstacle or plane; ``contact`` for walls that touch each other."""
+    group: GroupName = "all"
+    """Nodes that are looked at: of walls that touch each other the resultant on all of them is zero."""
     of: Literal["force", "area", "pressure"] = "force"
-    """Resultant ``force`` on the structure [force]; ``area`` of the nodes in contact, a third of each element around [length²];
-    largest ``pressure``, a node's force over its area [force/length²]."""
+    """Resultant ``force`` on the structure, with friction [force]; ``area`` of the nodes in contact, a third of each element around
+    [length²]; largest ``pressure``, what a node is pushed with across the obstacle over its area [force/length²]."""
     component: Literal["x", "y", "z", "magnitude"] = "magnitude"
     """Of the force: along an axis, or its magnitude."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from taichi_membrane.simulation.filling import Filling
 from taichi_membrane.simulation.load_state import LoadState, stage_targets
 from taichi_membrane.simulation.load_step import LoadStep
 from taichi_membrane.simulation.model import Model
-from taichi_membrane.simulation.policy import Passage
+from taichi_membrane.simulation.policy import Event, Passage
 from taichi_membrane.simulation.reached import Reached
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.stiffest import Stiffest
@@ -78,6 +79,8 @@ class Equilibrium:
             else:
                 self._made.upload()
         self.newton = self._made if self.kind != "relaxation" else None
+        if self.contact.walls is not None:
+            self.contact.walls.tangent = None if self.newton is None else self.newton.tangent
         settings = model.scene.solver
         self.filling = Filling(model, self.system)
         if self.newton is not None:
@@ -135,16 +138,24 @@ class Equilibrium:
     ) -> Reached:
         """Go from an equilibrium at ``before`` to one at ``after``, or as far as there is a stable one.
 
-        Where no equilibrium is found the membrane is back in the state it came from. Without Newton nothing is known of stability.
+        Where no equilibrium is found the membrane is back in the state it came from. Without Newton nothing is known of stability,
+        nor with friction, which has no potential and makes what is found depend on the steps, nor where walls touch each other.
 
         :param stiffest: of the course that the step is part of; :class:`~.load_step.LoadStep` has the rest.
         """
-        if self.newton is not None:
+        if self.newton is not None and not self.system.frictions and self.system.walls is None:
             return LoadStep(self, before, after, stiffest or Stiffest(), snaps=snaps, report=report).run()
         start = self.system.displacement()
         record = self.solve(after, report)
+        if not record.converged and self.kind == "hybrid":
+            self.system.set_displacement(start)
+            record = joined(record, self.solve(after, report, relax=True))
+        if record.converged and self.contact.walls is not None and (why := self.contact.walls.passed()):
+            record = replace(record, converged=False, reason=why)
         if record.converged:
-            return Reached(record, 1.0, trace=(Passage(event="relaxed", share=1.0),))
+            self.contact.accept()
+            event: Event = "relaxed" if self.newton is None else "unverified"
+            return Reached(record, 1.0, trace=(Passage(event=event, share=1.0),))
         trouble = self.trouble()
         self.system.set_displacement(start)
         return Reached(record, 0.0, trouble=trouble)

@@ -10,7 +10,7 @@ import numpy as np
 
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
-from taichi_membrane.scene import Modes, Stage
+from taichi_membrane.scene import WALLS, Modes, Stage
 from taichi_membrane.simulation import modes, probes, sensitivity
 from taichi_membrane.simulation.equilibrium import Equilibrium
 from taichi_membrane.simulation.force_balance import force_balance
@@ -21,6 +21,9 @@ from taichi_membrane.simulation.results import ModeResult, StepResult
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.state import State
 from taichi_membrane.solvers.record import SolveRecord
+
+# Share of the largest force at a node that is none: a triangle's corner beside the point that is touched gets round-off.
+_NO_FORCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -71,10 +74,12 @@ class Measure:
         # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
         # from the same split whether it follows at once or after a resume.
         self.system.set_displacement(displacement)
-        if not record.converged:
+        if record.converged:
+            self.equilibrium.contact.accept()
+        else:
             self.equilibrium.contact.begin()  # those of the equilibrium that is kept
-        contact = self._contact()
-        present = self._present(displacement, contact)
+        contact, pushes = self._contact(), self._pushes()
+        present = self._present(displacement, contact, pushes)
         values = present.fields(self.model.scene.extra_fields)
         balance = force_balance(
             self.model.structure, displacement, self.system.surface_loads(), loads=self.model.nodal_loads(state),
@@ -90,7 +95,7 @@ class Measure:
             stage_step=k,
             drivers=state.values,
             fields=values,
-            probes=probes.evaluate(self.model, values, swept, state, contact),
+            probes=probes.evaluate(self.model, values, swept, state, contact, pushes),
             volume=volume,
             energy=energy,
             solver=record.method,
@@ -106,17 +111,22 @@ class Measure:
             modes=at_rest.modes,
             unknown=self._unknown(stage, at_rest, converged=record.converged, limited=limit is not None),
             state=State(
-                displacement=displacement, drivers=state.values, let_out=dict(self.equilibrium.filling.let_out)
+                displacement=displacement,
+                drivers=state.values,
+                let_out=dict(self.equilibrium.filling.let_out),
+                friction=self.equilibrium.contact.history,
+                touched=None if self.equilibrium.contact.walls is None else self.equilibrium.contact.walls.kept,
             ),
             seconds=time.perf_counter() - started,
             contact_forces={name: float(np.linalg.norm(one, axis=1).sum()) for name, one in contact.items()},
             balance=dict(balance.resultants),
             imbalance=balance.error,
+            walls={} if self.equilibrium.contact.walls is None else self.equilibrium.contact.walls.counts(),
             relieved=relieved,
         )
         return probes.with_own(self.model, step)
 
-    def _present(self, displacement: Floats, contact: dict[str, Floats]) -> Present:
+    def _present(self, displacement: Floats, contact: dict[str, Floats], pushes: dict[str, Floats]) -> Present:
         """The system's present state, downloaded."""
         local = -self.system.balance()
         reaction = self.system.spread(np.where(self.model.structure.node_held, local, 0.0))
@@ -127,6 +137,7 @@ class Measure:
             displacement=displacement,
             reaction=reaction,
             contact_force=sum(contact.values(), np.zeros_like(displacement)),
+            contact_push=sum(pushes.values(), np.zeros(len(displacement))),
             elements=self.system.element_state(),
             cable_force=self.system.cable_forces(),
             free_strain=self.model.structure.free_strain(self.system.growth()),
@@ -134,7 +145,7 @@ class Measure:
 
     def _energy(self, state: LoadState, displacement: Floats) -> float | None:
         """Potential energy at the system's present state; None where there is none."""
-        if not self._has_energy:
+        if not self._has_energy or self.system.frictions:
             return None
         if self.equilibrium.rim.at(self.system.surface_loads(), displacement) is not None:
             return None  # follower pressure without a potential
@@ -147,12 +158,25 @@ class Measure:
         found = {name: np.zeros((self.system.node_count, 3)) for name in self.model.scene.touchable}
         for one, forces in zip(self.system.contacts, self.system.touching().forces(), strict=True):
             found[one.obstacle.name] += forces
+        if self.system.walls is not None:
+            found[WALLS] += self.system.walls.forces()
+        return found
+
+    def _pushes(self) -> dict[str, Floats]:
+        """(node_count,) sizes of what each plane and obstacle pushes the nodes with across itself, by name."""
+        found = {name: np.zeros(self.system.node_count) for name in self.model.scene.touchable}
+        for one, push in zip(self.system.contacts, self.system.touching().push, strict=True):
+            found[one.obstacle.name] += push
+        if self.system.walls is not None:
+            size = np.linalg.norm(self.system.walls.forces(), axis=1)
+            found[WALLS] += np.where(size > _NO_FORCE * size.max(initial=0.0), size, 0.0)
         return found
 
     def again(self, step: StepResult) -> None:
         """Bring the system back to the state that a step left it in."""
         self.system.set_displacement(step.state.displacement)
         self.equilibrium.apply(LoadState(step.state.drivers))
+        self.equilibrium.contact.go_on(step.state.friction, step.state.touched)
         if step.converged:
             # Handed on to the next step; a new one of a barely definite matrix may be refused.
             self._tangent(step.stage)
@@ -206,6 +230,10 @@ class Measure:
             why = f"relaxation has no tangent ({chosen_solver(self.model).reason or 'solver.kind = relaxation'})"
         elif self._tangent_asked(stage.name) and self.system.contacts and newton.skew() is not None:
             why = "contact beside a pressure without a potential: not implemented"
+        elif self._tangent_asked(stage.name) and self.system.frictions:
+            why = "friction has no potential: whether it keeps the state stable is not looked for"
+        elif self._tangent_asked(stage.name) and self.system.walls is not None:
+            why = "contact of walls with each other: not implemented"
         elif self._tangent_asked(stage.name):
             why = "the tangent is singular"
         else:

@@ -35,7 +35,7 @@ from taichi_membrane.simulation.members import (
     with_cable_nodes,
     with_member_nodes,
 )
-from taichi_membrane.simulation.obstacles import obstacles_of
+from taichi_membrane.simulation.obstacles import obstacles_of, walls_of
 from taichi_membrane.simulation.results import ProbeFunction
 from taichi_membrane.simulation.supports import PrescribedMotion, held_by_others, held_components, motions_of
 from taichi_membrane.simulation.surface_loads import SurfaceLoads, surface_loads_of
@@ -284,6 +284,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         ropes=ropes_of(scene, mesh),
         springs=springs,
         obstacles=obstacles,
+        walls=walls_of(scene, mesh),
         wind=surface.wind,
         snow=surface.plan_loads,
         water=tuple(surface.waters.values()),

@@ -12,6 +12,7 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.facets import Facets
 from taichi_membrane.mechanics.obstacle import Obstacle
 from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.wall_search import Walls
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import (
     BoxObstacle,
@@ -21,7 +22,7 @@ from taichi_membrane.scene import (
     SphereObstacle,
     SurfaceObstacle,
 )
-from taichi_membrane.simulation.groups import group_nodes
+from taichi_membrane.simulation.groups import group_nodes, group_triangles
 
 # Radius of edges over the shortest side, where the scene gives none.
 _ROUNDING = 0.05
@@ -61,6 +62,7 @@ def obstacles_of(scene: Scene, mesh: Mesh) -> tuple[Obstacle, ...]:
             nodes=group_nodes(mesh, plane.group, f"planes.{name}.group"),
             centre=np.array(plane.through),
             frame=_frame(plane.normal),
+            friction=plane.friction,
         )
         for name, plane in scene.planes.items()
     ]
@@ -69,6 +71,7 @@ def obstacles_of(scene: Scene, mesh: Mesh) -> tuple[Obstacle, ...]:
             "name": name,
             "nodes": group_nodes(mesh, one.group, f"obstacles.{name}.group"),
             "motion": np.array(one.direction or (0.0, 0.0, 0.0)),
+            "friction": one.friction,
         }
         if isinstance(one, PlaneObstacle):
             found.append(Obstacle(kind="plane", centre=np.array(one.through), frame=_frame(one.normal), **common))
@@ -89,6 +92,18 @@ def obstacles_of(scene: Scene, mesh: Mesh) -> tuple[Obstacle, ...]:
                 )
             )  # fmt: skip
     return tuple(found)
+
+
+def walls_of(scene: Scene, mesh: Mesh) -> Walls | None:
+    """Elements that touch each other; None where none do.
+
+    :raises InputError: unknown groups.
+    """
+    if scene.contact is None:
+        return None
+    names = [scene.contact.group] if isinstance(scene.contact.group, str) else scene.contact.group
+    chosen = [group_triangles(mesh, name, "contact.group") for name in names]
+    return Walls(mesh, np.unique(np.concatenate(chosen)))
 
 
 def _cylinder(one: CylinderObstacle, common: dict[str, Any]) -> list[Obstacle]:

@@ -23,7 +23,7 @@ class Present:
 
     :param displacement: (n, 3).
     :param reaction: (n, 3) support forces.
-    :param contact_force: (n, 3) forces of planes and obstacles.
+    :param contact_force: (n, 3) forces of planes and obstacles; ``contact_push`` (n,) sizes of what is across them, summed.
     :param elements: state of every triangle.
     :param cable_force: force of every straight piece of a cable.
     :param free_strain: (m, 2) stress-free strain in warp and weft, where something drives it.
@@ -34,6 +34,7 @@ class Present:
     reaction: Floats
     elements: ElementState
     contact_force: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    contact_push: Floats = field(default_factory=lambda: np.zeros(0))
     cable_force: Floats = field(default_factory=lambda: np.zeros(0))
     free_strain: Floats | None = None
 
@@ -49,8 +50,8 @@ class Present:
 
     @property
     def contact_pressure(self) -> Floats:
-        """(n,) contact force over the node's area, a third of each deformed element around it."""
-        size = np.linalg.norm(self.contact_force, axis=1)
+        """(n,) what obstacles push with across themselves over the node's area, a third of each deformed element around it."""
+        size = self.contact_push
         if not size.any():
             return size
         area = node_area(self.structure.mesh, self.displacement)

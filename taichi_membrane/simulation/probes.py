@@ -38,12 +38,7 @@ def validate(model: Model) -> None:
             model.measured(probe)
         elif not isinstance(
             probe,
-            scenes.FactorProbe
-            | scenes.BodyProbe
-            | scenes.CableProbe
-            | scenes.AbsoluteProbe
-            | scenes.LevelProbe
-            | scenes.ContactProbe,
+            scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe | scenes.AbsoluteProbe | scenes.LevelProbe,
         ):
             group_nodes(mesh, probe.group, key)
 
@@ -82,12 +77,17 @@ def with_own(model: Model, step: StepResult) -> StepResult:
 
 
 def evaluate(
-    model: Model, fields: FieldValues, swept: Floats, state: LoadState, contact: Mapping[str, Floats] | None = None
+    model: Model,
+    fields: FieldValues,
+    swept: Floats,
+    state: LoadState,
+    contact: Mapping[str, Floats] | None = None,
+    pushes: Mapping[str, Floats] | None = None,
 ) -> dict[str, float]:
     """Value of every probe of the scene, in its units.
 
     :param swept: (tri_count,) volume that each triangle has swept since rest.
-    :param contact: (n, 3) forces of each plane and obstacle.
+    :param contact: (n, 3) forces of each plane and obstacle; ``pushes`` (n,) what of them is across it.
     """
     mesh = model.structure.mesh
     displacement, reaction = fields["displacement"], fields["reaction"]
@@ -106,7 +106,10 @@ def evaluate(
         elif isinstance(probe, scenes.BodyProbe):
             values[name] = _component(of_body(model, probe, displacement, reaction), probe.component)
         elif isinstance(probe, scenes.ContactProbe):
-            values[name] = _of_contact(probe, model, displacement, (contact or {})[probe.obstacle])
+            chosen = group_nodes(mesh, probe.group, key)
+            values[name] = _of_contact(
+                probe, model, displacement, (contact or {})[probe.obstacle], (pushes or {})[probe.obstacle], chosen
+            )
         elif isinstance(probe, scenes.DisplacementProbe):
             mean = displacement[group_nodes(mesh, probe.group, key)].mean(axis=0)
             values[name] = _component(mean, probe.component)
@@ -206,16 +209,17 @@ def _of_cable(probe: scenes.CableProbe, model: Model, fields: FieldValues) -> fl
     return float(force.max() if probe.reduce == "max" else force.min())
 
 
-def _of_contact(probe: scenes.ContactProbe, model: Model, displacement: Floats, force: Floats) -> float:
-    """Resultant, area, or largest pressure of contact with one obstacle."""
+def _of_contact(
+    probe: scenes.ContactProbe, model: Model, displacement: Floats, force: Floats, push: Floats, nodes: Ints
+) -> float:
+    """Resultant, area, or largest pressure of contact with one obstacle on some nodes."""
     if probe.of == "force":
-        return _component(force.sum(axis=0), probe.component)
-    area = node_area(model.structure.mesh, displacement)
-    size = np.linalg.norm(force, axis=1)
-    touched = size > 0.0
+        return _component(force[nodes].sum(axis=0), probe.component)
+    area, push = node_area(model.structure.mesh, displacement)[nodes], push[nodes]
+    touched = push > 0.0
     if probe.of == "area":
         return float(area[touched].sum())
-    return float(np.max(size[touched] / area[touched], initial=0.0))
+    return float(np.max(push[touched] / area[touched], initial=0.0))
 
 
 def run_checks(scene: Scene, steps: Sequence[StepResult]) -> tuple[CheckResult, ...]:

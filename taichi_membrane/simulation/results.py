@@ -82,6 +82,8 @@ class StepResult:
     :param trace: what the step went through, each passage at a share of the stage's course.
     :param unknown: why there is no value of ``stable``, ``derivatives``, ``modes`` or ``limit``, of those that have none.
     :param state: what it hands to the next step: the run goes on from it.
+    :param walls: of walls that touch each other, how many ``searches`` for pairs and ``patterns`` of the matrix the step took, and
+        how many sides of elements pass through others at its end, ``crossings``: facets of round walls do by a little.
     :param contact_forces: sum of the sizes of the nodal forces of each plane and obstacle.
     :param balance: resultants of what acts, which cancel: dead ``loads``, those on the ``surface``, ``reactions`` of supports,
         motions and springs, and ``contact`` where there are obstacles. ``imbalance`` is the size of their sum over the largest of
@@ -115,6 +117,7 @@ class StepResult:
     contact_forces: dict[str, float] = field(default_factory=dict)
     balance: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     imbalance: float = 0.0
+    walls: dict[str, int] = field(default_factory=dict)
     relieved: dict[str, float] = field(default_factory=dict)
 
     @property

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from taichi_membrane.arrays import Floats
+from taichi_membrane.solvers.walls import Touched
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,6 +35,8 @@ class State:
     :param stiffest: largest current stiffness of the course so far, in the units of :class:`~.stiffest.Stiffest`.
     :param let_out: amount of gas that relief valves have let out since the stage began, by the first pressure of each gas.
     :param path: where the stage's path is, of a stage by arc length.
+    :param friction: (n, 3) friction forces of each obstacle that has friction, or of each of its walls.
+    :param touched: what walls touch of each other.
     """
 
     displacement: Floats
@@ -41,3 +44,5 @@ class State:
     stiffest: float = 0.0
     let_out: Mapping[str, float]
     path: PathState | None = None
+    friction: tuple[Floats, ...] = ()
+    touched: Touched | None = None

@@ -79,6 +79,9 @@ def held_by_others(
         gap = (points[plane.nodes] - plane.centre) @ plane.frame[2]
         nodes.append(plane.nodes[gap <= _TOUCHING * np.ptp(points, axis=0).max()])
         directions.append(np.tile(plane.frame[2], (len(nodes[-1]), 1)))
+        for along in plane.frame[:2] if plane.friction else ():
+            nodes.append(nodes[-1])
+            directions.append(np.tile(along, (len(nodes[-1]), 1)))
     found, ways = np.concatenate(nodes), np.concatenate(directions)
     if not found.size:
         return held, frame

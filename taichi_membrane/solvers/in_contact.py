@@ -27,8 +27,9 @@ def held_now(newton: Newton, active: NDArray[np.bool_], normals: Floats) -> Floa
 
 
 def factor_in_contact(newton: Newton) -> Factor | None:
-    """The factorised tangent of the freedoms that contact leaves; None where it is singular or pressures have no potential."""
-    if newton.skew() is not None:
+    """The factorised tangent of the freedoms that contact leaves; None where it is singular, pressures have no potential,
+    nodes rub, or walls touch each other."""
+    if newton.skew() is not None or newton.system.frictions or newton.system.walls is not None:
         return None
     now, blocks = newton.system.touching(), newton.tangent.assemble()
     held = held_now(newton, now.active, now.normal)

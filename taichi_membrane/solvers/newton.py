@@ -183,7 +183,8 @@ class Newton:
         """
         if self._kept is not None and self._is_here(self._kept):
             return self._kept[1]
-        factor = factor_in_contact(self) if self.system.contacts else self.factorised(indefinite=True)
+        touching = bool(self.system.contacts) or self.system.walls is not None
+        factor = factor_in_contact(self) if touching else self.factorised(indefinite=True)
         self._kept = None if factor is None else (self._tangent_state(), factor)
         return factor
 
@@ -197,7 +198,7 @@ class Newton:
     def _factor_at_rest(self) -> Factor | None:
         """What :meth:`at_rest` kept, where it is still the tangent of this state."""
         kept, self._kept = self._kept, None
-        if self.system.contacts:
+        if self.system.contacts or self.system.walls is not None:
             return None  # it is of fewer freedoms
         return kept[1] if kept is not None and self._is_here(kept) else None
 

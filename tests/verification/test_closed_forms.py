@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from taichi_membrane.assurance.verification import closed_forms
-from taichi_membrane.assurance.verification.shooting import inflated_disc, turned_hub
+from taichi_membrane.assurance.verification.shooting import inflated_disc, pressed_between, turned_hub
 
 PRINTED = 1e-6  # the tables below have six or seven digits
 
@@ -137,3 +137,40 @@ def test_areas_of_minimal_surfaces() -> None:
     # Scherk: graph finite elements, extrapolated; Schwarz' D surface: 1.918893 in a cell of unit side, 2/3 of it times 2².
     assert closed_forms.scherk_area(1.0) == pytest.approx(5.69751221, rel=2e-9)
     assert closed_forms.tetrahedral_film_area() == pytest.approx(2.0 / 3.0 * 1.918893 * 4.0, rel=PRINTED)
+
+
+@pytest.mark.parametrize("head", [0.1, 1.0, 5.0])
+def test_a_filled_tube_is_in_balance(head: float) -> None:
+    """Of half a section, integrated by small steps from the crown: it closes on the ground, and its weight rests on the contact."""
+    height, tension, width = closed_forms.filled_tube(head)
+    crown, steps = head * height, 20_000
+    side = 0.5 * (1.0 - width)
+    x = z = angle = area = 0.0
+    for _ in range(steps):
+        turn = (crown + z) / tension * side / steps
+        middle = angle + 0.5 * turn
+        x += np.cos(middle) * side / steps
+        fall = np.sin(middle) * side / steps
+        area += (x - 0.5 * np.cos(middle) * side / steps) * fall
+        z, angle = z + fall, angle + (crown + z + 0.5 * fall) / tension * side / steps
+    assert angle == pytest.approx(np.pi, rel=1e-4)
+    assert z == pytest.approx(height, rel=1e-4)
+    assert x == pytest.approx(0.5 * width, rel=1e-3)
+    assert 2.0 * area == pytest.approx(width * (crown + height), rel=1e-3)
+
+
+def test_a_sphere_that_plates_just_touch_is_the_free_one() -> None:
+    """And one that they press has the tension at the equator that carries half of the pressure less their force."""
+    load, nu = 0.3, 0.3
+    stretch = closed_forms.sphere_stretch(load, 1.0, 1.0, nu)
+    free = pressed_between(load, nu, 2.0 * stretch * (1.0 - 1e-5))
+    assert free.radius == pytest.approx(stretch, rel=1e-4)
+    assert free.volume == pytest.approx(4.0 / 3.0 * np.pi * stretch**3, rel=1e-4)
+    assert free.force < 1e-3
+    pressed = pressed_between(load, nu, 1.8)
+    less = pressed_between(load * (1.0 + 1e-4), nu, 1.8)
+    # Work of a change of the gap: dV/dh at a given pressure is the plate's force over it, by reciprocity with dF/dp.
+    wider = pressed_between(load, nu, 1.8 + 1e-4)
+    assert (wider.volume - pressed.volume) / 1e-4 == pytest.approx(
+        (less.force - pressed.force) / (load * 1e-4), rel=2e-3
+    )

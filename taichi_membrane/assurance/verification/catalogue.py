@@ -12,6 +12,7 @@ from taichi_membrane.assurance.verification import (
     pressure,
     rigid,
     shrinkage,
+    touch,
     tubes,
     wrinkling,
 )
@@ -44,6 +45,10 @@ CASES: dict[str, Callable[[], Benchmark]] = {
     "balloon": filled.balloon,
     "plates": filled.plates,
     "pond": filled.pond,
+    "pressed": touch.pressed,
+    "pressed_sphere": touch.pressed_sphere,
+    "filled_tube": touch.filled_tube,
+    "capstan": touch.capstan,
 }
 
 

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, special
+from scipy import integrate, optimize, special
 
 
 def sphere_stretch(pressure: float, radius: float, stiffness: float, nu: float) -> float:
@@ -35,6 +35,25 @@ def strip_pond(weight: float, volume: float) -> tuple[float, float]:
         return level, level / math.cos(0.5 * k) - level
     level = -0.25 * volume * k**2 * (1.0 - math.pi / k)
     return level, 0.5 * volume * k - level
+
+
+def filled_tube(head: float) -> tuple[float, float, float]:
+    """Height, tension and contact width of a weightless inextensible tube of perimeter 1 on a plane, full of a liquid, γ = 1.
+
+    With y the depth below the level and θ the slope from the crown, T dθ/ds = γ y: y² = y₀² + 2 T (1 - cos θ)/γ. At the ground
+    θ = π and y₁ = y₀ + H, so that T = γ H (2 y₀ + H)/4; half the contact width closes the section, x(π) = b/2.
+
+    :param head: y₀/H, of the level above the crown.
+    """
+    tension = 0.25 * (2.0 * head + 1.0)  # at a height of 1
+
+    def arc(angle: float) -> float:
+        return tension / math.sqrt(head**2 + 2.0 * tension * (1.0 - math.cos(angle)))
+
+    side = integrate.quad(arc, 0.0, math.pi)[0]
+    width = 2.0 * integrate.quad(lambda angle: arc(angle) * math.cos(angle), 0.0, math.pi)[0]
+    perimeter = 2.0 * side + width
+    return 1.0 / perimeter, tension / perimeter**2, width / perimeter
 
 
 def cylinder_stretches(pressure: float, radius: float, stiffness: float, nu: float) -> tuple[float, float]:

@@ -80,6 +80,68 @@ def inflated_disc(load: float, nu: float, *, rim: Literal["held", "seam"]) -> In
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class PressedSphere:
+    """A sphere of unit radius, blown up and pressed between plates, relative to radius and E t.
+
+    :param force: of a plate. :param contact: radius of the contact. :param radius: at the equator. :param volume: inside.
+    """
+
+    force: float
+    contact: float
+    radius: float
+    volume: float
+
+
+def pressed_between(load: float, nu: float, gap: float) -> PressedSphere:
+    """Sphere under pressure ``load`` = p R/(E t) between frictionless plates at a distance ``gap``; it has to stay taut.
+
+    With S the arc from the pole at rest, r₀ = sin S, r the deformed radius and a that of the contact: vertical equilibrium gives
+    r₀ S₁ λ₁ sin β = p (r² - a²)/2, where the slope β is zero in contact, horizontal equilibrium
+    (r₀ S₁ λ₁ cos β)' = λ₂ S₂ - p r λ₁ sin β. The pole's stretch is shot at β = π/2 on the equator, the end of contact at the gap.
+    """
+    start = 1e-6
+
+    def meridian(pole: float, end: float) -> Floats:
+        tension = (pole**2 - 1.0) / (2.0 * (1.0 - nu))
+
+        def along(first: float, last: float, state: Floats, inner: float | None) -> Floats:
+            def slope(arc: float, state: Floats) -> list[float]:
+                r, pull, _, _ = state
+                rest, lift = np.sin(arc), 0.0 if inner is None else 0.5 * load * (r * r - inner * inner)
+                force = float(np.hypot(pull, lift))
+                stretch, hoop = _stretch_along(force / rest, r / rest, nu)
+                fall = stretch * lift / force
+                return [stretch * pull / force, r / rest * hoop - load * r * fall, fall, np.pi * r * r * fall]
+
+            return integrate.solve_ivp(slope, (first, last), state, method="DOP853", rtol=1e-9, atol=1e-12).y[:, -1]
+
+        state = along(start, end, np.array([pole * start, tension * pole * start, 0.0, 0.0]), None)
+        inner = float(state[0])
+        return np.append(along(end, 0.5 * np.pi, state, inner), inner)
+
+    pole = 0.5 * load * (1.0 - nu) + float(np.hypot(0.5 * load * (1.0 - nu), 1.0))  # of the free sphere
+
+    def pressed(end: float) -> Floats:
+        """With the root that is nearest to the pole's stretch that was found last: others are no spheres."""
+        nonlocal pole
+        reach, off = 1e-4, [meridian(pole, end)[1]] * 2
+        while off[0] * off[1] > 0.0:
+            reach *= 2.0
+            off = [meridian(pole + sign * reach, end)[1] for sign in (-1.0, 1.0)]
+        pole = float(optimize.brentq(lambda one: meridian(one, end)[1], pole - reach, pole + reach, xtol=1e-12))
+        return meridian(pole, end)
+
+    low, high = 0.0, 0.1
+    while pressed(high)[2] > 0.5 * gap:
+        low, high = high, high + 0.1
+    end = float(optimize.brentq(lambda one: pressed(one)[2] - 0.5 * gap, max(low, 1e-3), high, xtol=1e-9))
+    radius, _, _, volume, inner = pressed(end)
+    return PressedSphere(
+        force=float(np.pi * load * inner**2), contact=float(inner), radius=float(radius), volume=2.0 * float(volume)
+    )
+
+
 def _stretch_along(pull: float, around: float, nu: float) -> tuple[float, float]:
     """Stretch λ₁ with λ₁ S₁ = ``pull`` at hoop stretch ``around``, and the hoop resultant S₂ (zero where wrinkled); E t = 1."""
     hoop = 0.5 * (around**2 - 1.0)
