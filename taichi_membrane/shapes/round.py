@@ -17,6 +17,7 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.shapes.arguments import check_count, check_length, check_name, check_size
 from taichi_membrane.shapes.rings import Ring, ring_directions, wall_triangles, zip_stack
+from taichi_membrane.shapes.true_surface import of_order, on_rings, on_sphere, on_torus, on_tube
 
 Cap = Literal["none", "flat", "hemisphere"]
 WallPattern = Literal["staggered", "diagonal"]
@@ -34,6 +35,7 @@ def tube(
     cap_start: Cap = "none",
     cap_end: Cap = "hemisphere",
     pattern: WallPattern = "staggered",
+    order: int = 1,
 ) -> Mesh:
     """Straight tube along +x, its wall from x = 0 to ``length``; a hemisphere reaches ``radius`` beyond its end.
 
@@ -43,6 +45,7 @@ def tube(
     :param around: nodes on a ring, at least 3; even keeps the symmetry about z = 0 too.
     :param along: bands of elements along the wall, at least 1.
     :param pattern: ``staggered`` turns each ring half a pitch; ``diagonal`` has straight generators.
+    :param order: 1 for three-node triangles, 2 for six-node ones with the nodes amid their sides on the round surface.
     :return: node groups ``start``, ``end``, ``middle`` (even ``along``), ``cap_start``, ``cap_end`` (with their rims),
         ``tip`` (pole of the end cap); element groups ``wall``, ``cap_start``, ``cap_end``. Warp runs along the axis,
         on caps from the rim to the pole.
@@ -81,7 +84,8 @@ def tube(
         warp = np.concatenate((warp, to_pole))
     if cap_end != "none":
         node_groups["tip"] = node_groups["cap_end"][-1:]
-    return Mesh.build(points, triangles, node_groups, tri_groups, warp, where="tube")
+    mesh = Mesh.build(points, triangles, node_groups, tri_groups, warp, where="tube")
+    return of_order(mesh, order, on_tube(radius, length, (cap_start, cap_end)), "tube")
 
 
 def _check_wall(where: str, around: int, along: int, lowest_along: int, pattern: str) -> None:
@@ -136,6 +140,7 @@ def arch(
     along: int,
     angle: float = 180.0,
     pattern: WallPattern = "staggered",
+    order: int = 1,
 ) -> Mesh:
     """Open tube bent to a circular arc in the xz plane: feet centred at x = ±``span``/2, z = 0, crown at the top.
 
@@ -144,6 +149,7 @@ def arch(
     :param around: nodes on a ring, at least 3.
     :param along: bands of elements from foot to foot, at least 2.
     :param angle: angle of the arc [degrees], above 0 and below 360; 180 stands upright on its feet.
+    :param order: as of :func:`tube`.
     :return: node groups ``start`` (foot at -x), ``end``, and for even ``along`` ``crown`` (the middle ring) and
         ``crown_top`` (its highest node); element group ``wall``. Warp runs along the tube.
     """
@@ -172,10 +178,11 @@ def arch(
     if along % 2 == 0:
         node_groups["crown"] = around * along // 2 + np.arange(around)
         node_groups["crown_top"] = node_groups["crown"][:1]
-    return Mesh.build(points, triangles, node_groups, {"wall": np.arange(len(triangles))}, warp, where="arch")
+    mesh = Mesh.build(points, triangles, node_groups, {"wall": np.arange(len(triangles))}, warp, where="arch")
+    return of_order(mesh, order, on_torus(arc_radius, radius, height), "arch")
 
 
-def sphere(*, radius: float, divisions: int) -> Mesh:
+def sphere(*, radius: float, divisions: int, order: int = 1) -> Mesh:
     """Sphere from an octahedron, each face cut into ``divisions``² triangles; the three axes meet it in nodes.
 
     :param divisions: elements along a quarter of a great circle, at least 1.
@@ -197,7 +204,8 @@ def sphere(*, radius: float, divisions: int) -> Mesh:
     for quarter, name in enumerate(("x_plus", "y_plus", "x_minus", "y_minus")):
         node_groups[name] = equator[quarter * n : quarter * n + 1]
     warp = np.tile([0.0, 0.0, 1.0], (len(triangles), 1))
-    return Mesh.build(points, triangles, node_groups, None, warp, where="sphere")
+    mesh = Mesh.build(points, triangles, node_groups, None, warp, where="sphere")
+    return of_order(mesh, order, on_sphere(radius), "sphere")
 
 
 def _octahedron_row(row: int, divisions: int) -> NDArray[np.float64]:
@@ -215,7 +223,7 @@ def _octahedron_row(row: int, divisions: int) -> NDArray[np.float64]:
     return np.concatenate([np.column_stack(quarter) for quarter in (quarters if row else quarters[:1])])
 
 
-def disc(*, radius: float, rings: int, sectors: int = 6) -> Mesh:
+def disc(*, radius: float, rings: int, sectors: int = 6, order: int = 1) -> Mesh:
     """Flat disc in z = 0 about the origin; ring k has ``sectors`` * k nodes at k / ``rings`` of the radius.
 
     :param rings: bands of elements from the centre to the rim, at least 1.
@@ -237,4 +245,5 @@ def disc(*, radius: float, rings: int, sectors: int = 6) -> Mesh:
     triangles = zip_stack([*inwards, Ring(1)])
     node_groups = {"rim": np.arange(sectors * rings), "centre": np.array([len(xyz) - 1])}
     warp = np.tile([1.0, 0.0, 0.0], (len(triangles), 1))
-    return Mesh.build(xyz, triangles, node_groups, None, warp, where="disc")
+    mesh = Mesh.build(xyz, triangles, node_groups, None, warp, where="disc")
+    return of_order(mesh, order, on_rings(radius), "disc")

@@ -1,0 +1,248 @@
+"""Six-node triangles: forces, energies, tangents, pressure and masses against each other, exact identities and patch tests."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import oracle
+import pytest
+import scipy.linalg
+from bodies import ISOTROPIC, ORTHOTROPIC, law
+from oracle import Floats
+
+from taichi_membrane import shapes
+from taichi_membrane.errors import InputError
+from taichi_membrane.mechanics.preparation import FabricConstants, volume_gradient
+from taichi_membrane.mechanics.structure import Structure
+from taichi_membrane.mechanics.system import System
+from taichi_membrane.mechanics.tangent import Tangent
+from taichi_membrane.mesh import Mesh, quadratic
+from taichi_membrane.mesh.middles import straight, with_middles
+from taichi_membrane.solvers.relaxation import Relaxation
+
+pytestmark = pytest.mark.usefixtures("runtime_cpu")
+
+FABRICS = {
+    "linear": ISOTROPIC,
+    "tension field": law("tension_field"),
+    "orthotropic": ORTHOTROPIC,
+    "Green": law("tension_field", side_strain="green"),
+    "prestressed": FabricConstants(
+        e_warp=2.0, e_weft=0.3, poisson=0.4, shear=0.05, thickness=1.0, side_strain="green", prestress=(0.1, 0.05, 0.02)
+    ),
+}
+CASES = list(product(FABRICS, (3, 6)))
+
+
+def body_mesh() -> Mesh:
+    """A closed body of random shape; the nodes amid sides lie off their middles."""
+    rng = np.random.default_rng(21)
+    base, triangles = oracle.icosahedron()
+    mesh = Mesh.build(base * [1.0, 1.3, 0.8] + rng.uniform(-0.1, 0.1, base.shape), triangles)
+    return with_middles(mesh, lambda a, b: 1.1 * straight(a, b) + rng.uniform(-0.05, 0.05, a.shape))
+
+
+def structure_of(mesh: Mesh, fabric: FabricConstants, samples: int = 3, *, pressed: bool = True) -> Structure:
+    """A free body of one fabric, its warp at random."""
+    count = mesh.tri_count
+    return Structure(
+        mesh=mesh,
+        fabrics=(fabric,),
+        tri_fabric=np.zeros(count, dtype=np.int32),
+        tri_warp=np.random.default_rng(3).normal(size=(count, 3)),
+        node_held=np.zeros((mesh.node_count, 3), dtype=bool),
+        tri_chamber=np.full(count, 0 if pressed else -1, dtype=np.int32),
+        loads=False,
+        sampling=samples,
+    )
+
+
+def tangent_of(system: System, step: float = 1e-6) -> Floats:
+    """-∂f/∂x by central differences, (3 n, 3 n)."""
+    u = system.displacement()
+    columns = []
+    for number in range(u.size):
+        force = {}
+        for sign in (1, -1):
+            moved = u.copy()
+            moved.flat[number] += sign * step
+            system.set_displacement(moved)
+            force[sign] = system.out_of_balance().ravel()
+        columns.append((force[-1] - force[1]) / (2 * step))
+    system.set_displacement(u)
+    return np.array(columns).T
+
+
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: f"{case[0]}-{case[1]}")
+def system(request: pytest.FixtureRequest) -> System:
+    """A body for each fabric and number of points, under pressure, in a state with wrinkles."""
+    name, samples = request.param
+    one = System(structure_of(body_mesh(), FABRICS[name], samples))
+    rng = np.random.default_rng(7)
+    one.set_displacement(0.05 * one.structure.points + rng.uniform(-0.03, 0.03, one.structure.points.shape))
+    one.set_surface_loads(np.array([0.2]))
+    return one
+
+
+def test_forces_are_the_gradient_of_the_potential(system: System) -> None:
+    u, rng, force = system.displacement(), np.random.default_rng(1), system.out_of_balance()
+    nothing = np.zeros_like(u)
+    for _ in range(5):
+        way, step = rng.normal(size=u.shape), 1e-5
+        energy = []
+        for sign in (1, -1):
+            system.set_displacement(u + sign * step * way)
+            energy.append(system.potential_energy(nothing)[0])
+        system.set_displacement(u)
+        found = -(energy[0] - energy[1]) / (2 * step)
+        assert found == pytest.approx(float(np.vdot(force, way)), abs=1e-7 * np.linalg.norm(force) * np.linalg.norm(way))
+
+
+def test_tangent_is_the_change_of_the_forces(system: System) -> None:
+    """On a closed body the whole of it is symmetric."""
+    states = system.element_state().state
+    assert system.features.variants[0].law == "none" or {0, 1} <= set(states.tolist())
+    matrix = Tangent(system).matrix().toarray()
+    found = tangent_of(system)
+    assert np.abs(matrix - found).max() < 2e-8 * np.abs(matrix).max()
+    assert np.abs(matrix - matrix.T).max() < 1e-14 * np.abs(matrix).max()
+
+
+@pytest.mark.parametrize("pressure", [0.0, 0.2, 20.0])
+@pytest.mark.parametrize("spread", [0.0, 0.02, 0.3])
+def test_masses_bound_the_highest_frequency(system: System, spread: float, pressure: float) -> None:
+    """Central differences with step 1 are stable up to 4; in states from rest to crumpled."""
+    before, loads = system.displacement(), system.surface_loads()
+    rng = np.random.default_rng(4)
+    system.set_displacement(rng.normal(size=before.shape) * spread)
+    system.set_surface_loads(np.array([pressure]))
+    relaxation = Relaxation(system)
+    relaxation.start_from_rest()
+    mass = np.repeat(relaxation.node_mass.to_numpy(), 3)
+    found = tangent_of(system)
+    system.set_displacement(before)
+    system.set_surface_loads(loads)
+    highest = scipy.linalg.eigh(0.5 * (found + found.T), np.diag(mass), eigvals_only=True)[-1]
+    assert 0.3 < highest < 4 * (1 + 1e-6)
+
+
+def test_pressure_acts_on_the_quadratic_surface(system: System) -> None:
+    """Forces and moments on a closed body cancel, and the forces are p times the gradient of the volume."""
+    u = system.displacement()
+    total = system.out_of_balance()
+    system.set_surface_loads(np.array([0.0]))
+    push = total - system.out_of_balance()
+    system.set_surface_loads(np.array([0.2]))
+    places = system.structure.points + u
+    size = np.abs(push).sum()
+    assert np.abs(push.sum(axis=0)).max() < 1e-14 * size
+    assert np.abs(np.cross(places, push).sum(axis=0)).max() < 1e-14 * size
+    cells = system.structure.mesh.cells
+    assert push == pytest.approx(0.2 * volume_gradient(places, cells, np.ones(len(cells))), abs=1e-14)
+    swept = quadratic.volumes(places, cells).sum() - quadratic.volumes(system.structure.points, cells).sum()
+    assert system.swept_volumes(u).sum() == pytest.approx(swept, rel=1e-12)
+
+
+def test_rigid_motion_strains_nothing(system: System) -> None:
+    before = system.displacement()
+    turn = scipy.linalg.expm(np.cross(np.eye(3), [0.7, -1.1, 0.4]))
+    system.set_displacement(system.structure.points @ turn.T + [3.0, 1.0, -2.0] - system.structure.points)
+    state = system.element_state()
+    offset = system.structure.fabrics[0].compliance() @ np.array(system.structure.fabrics[0].prestress)
+    system.set_displacement(before)
+    assert np.abs(state.strain - offset).max() < 1e-14 * 10
+
+
+def patch(curved: bool) -> Mesh:
+    """A flat irregular patch; with ``curved`` the sides within it are bent, in its plane."""
+    rng = np.random.default_rng(5)
+    points, triangles, _ = oracle.irregular_patch(rng, 3)
+    mesh = Mesh.build(points, triangles)
+    rim = mesh.node_groups["boundary"]
+    inner = ~np.isin(mesh.edge_table.nodes, rim).all(axis=1)
+    bend = np.where(inner[:, None], rng.uniform(-0.04, 0.04, (len(inner), 3)), 0.0) * [1, 1, 0] * (1.0 if curved else 0.0)
+    return with_middles(mesh, lambda a, b: straight(a, b) + bend)
+
+
+@pytest.mark.parametrize("samples", [3, 6])
+@pytest.mark.parametrize("curved", [False, True])
+def test_patch_test(curved: bool, samples: int) -> None:
+    """A uniform deformation gives a uniform stress, that of the three-node patch, and no forces within."""
+    fabric = law("none", side_strain="green")
+    mesh = patch(curved)
+    one = Structure(**{**vars_of(structure_of(mesh, fabric, samples, pressed=False)), "tri_warp": along_x(mesh)})
+    system = System(one)
+    gradient = np.array([[0.1, 0.04, 0.0], [-0.02, 0.07, 0.0], [0.05, -0.03, 0.0]])
+    u = mesh.points @ gradient.T
+    system.set_displacement(u)
+    stretch = (np.eye(3) + gradient)[:, :2]
+    green = 0.5 * (stretch.T @ stretch - np.eye(2))
+    strain = np.array([green[0, 0], green[1, 1], 2 * green[0, 1]])
+    state = system.element_state()
+    assert state.strain == pytest.approx(np.tile(strain, (len(state.strain), 1)), abs=1e-14)
+    inner = np.setdiff1d(np.arange(mesh.node_count), mesh.node_groups["boundary"])
+    force = system.out_of_balance()
+    assert np.abs(force[inner]).max() < 1e-14 * np.abs(force).max() * 10
+    density = 0.5 * strain @ fabric.stiffness() @ strain
+    assert system.potential_energy(np.zeros_like(u))[1] == pytest.approx(density * mesh.tri_areas().sum(), rel=1e-12)
+
+
+def vars_of(structure: Structure) -> dict[str, object]:
+    """What a structure is made of."""
+    return {name: getattr(structure, name) for name in structure.__dataclass_fields__}
+
+
+def along_x(mesh: Mesh) -> Floats:
+    """A warp along x."""
+    return np.tile([1.0, 0.0, 0.0], (mesh.tri_count, 1))
+
+
+def test_volume_of_a_sphere() -> None:
+    """Order 4, as the nodes lie on it; three-node triangles have order 2."""
+    exact = 4.0 / 3.0 * np.pi
+    errors = [shapes.sphere(radius=1.0, divisions=n, order=2).enclosed_volume() / exact - 1.0 for n in (4, 8, 16)]
+    assert abs(errors[0]) < 1e-3
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders == pytest.approx([4.0, 4.0], abs=0.05)
+
+
+# ---- meshes
+
+
+def test_nodes_amid_sides_lie_on_the_surface() -> None:
+    tube = shapes.tube(radius=25.0, length=100.0, around=8, along=4, cap_start="flat", order=2)
+    x, y, z = tube.points.T
+    wall, cap = (x > 0.0) & (x <= 100.0), x > 100.0
+    assert np.hypot(y, z)[wall] == pytest.approx(25.0, rel=1e-14)
+    assert np.linalg.norm(tube.points[cap] - [100.0, 0.0, 0.0], axis=1) == pytest.approx(25.0, rel=1e-14)
+    assert np.hypot(y, z)[x == 0.0].max() == pytest.approx(25.0, rel=1e-14)
+    arch = shapes.arch(span=12.0, radius=0.4, around=8, along=8, order=2)
+    out = np.hypot(arch.points[:, 0], arch.points[:, 2]) - 6.0
+    assert np.hypot(out, arch.points[:, 1]) == pytest.approx(0.4, rel=1e-12)
+    assert len(arch.node_groups["crown"]) == 16
+    assert len(arch.node_groups["boundary"]) == 32
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda middles: middles[:, [1, 0, 2]], "have different nodes amid it"),
+        (lambda middles: np.where(middles == middles[0, 0], 0, middles), "but a corner as well"),
+        (lambda middles: middles + 1000, "but node numbers run from 0 to 17"),
+        (lambda middles: middles[:4], "must be whole numbers of shape (8, 3)"),
+    ],
+)
+def test_bad_middles_are_refused(change, told: str) -> None:
+    mesh = shapes.sphere(radius=1.0, divisions=1, order=2)
+    with pytest.raises(InputError) as caught:
+        Mesh.build(mesh.points, mesh.triangles, tri_middle=change(np.array(mesh.tri_middle)))
+    assert told in str(caught.value)
+
+
+def test_folded_cells_are_refused() -> None:
+    mesh = shapes.panel(width=1.0, height=1.0, along_x=1, along_y=1, order=2)
+    points = np.array(mesh.points)
+    points[mesh.tri_middle[0, 0]] = points[mesh.triangles[0, 1]] * 0.9 + points[mesh.triangles[0, 2]] * 0.1
+    with pytest.raises(InputError, match="element 0 is folded"):
+        Mesh.build(points, mesh.triangles, tri_middle=mesh.tri_middle)
