@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from dataclasses import replace
 
 import numpy as np
 import oracle
@@ -32,7 +32,8 @@ FABRICS = {
         e_warp=2.0, e_weft=0.3, poisson=0.4, shear=0.05, thickness=1.0, side_strain="green", prestress=(0.1, 0.05, 0.02)
     ),
 }
-CASES = list(product(FABRICS, (3, 6)))
+# Every fabric, with three points or six.
+CASES = list(zip(FABRICS, (6, 3, 3, 6, 3), strict=True))
 
 
 def body_mesh() -> Mesh:
@@ -96,7 +97,9 @@ def test_forces_are_the_gradient_of_the_potential(system: System) -> None:
             energy.append(system.potential_energy(nothing)[0])
         system.set_displacement(u)
         found = -(energy[0] - energy[1]) / (2 * step)
-        assert found == pytest.approx(float(np.vdot(force, way)), abs=1e-7 * np.linalg.norm(force) * np.linalg.norm(way))
+        assert found == pytest.approx(
+            float(np.vdot(force, way)), abs=1e-7 * np.linalg.norm(force) * np.linalg.norm(way)
+        )
 
 
 def test_tangent_is_the_change_of_the_forces(system: System) -> None:
@@ -109,22 +112,21 @@ def test_tangent_is_the_change_of_the_forces(system: System) -> None:
     assert np.abs(matrix - matrix.T).max() < 1e-14 * np.abs(matrix).max()
 
 
-@pytest.mark.parametrize("pressure", [0.0, 0.2, 20.0])
-@pytest.mark.parametrize("spread", [0.0, 0.02, 0.3])
-def test_masses_bound_the_highest_frequency(system: System, spread: float, pressure: float) -> None:
-    """Central differences with step 1 are stable up to 4; in states from rest to crumpled."""
+def test_masses_bound_the_highest_frequency(system: System) -> None:
+    """Central differences with step 1 are stable up to 4; in states from rest to crumpled, from slack to blown up."""
     before, loads = system.displacement(), system.surface_loads()
-    rng = np.random.default_rng(4)
-    system.set_displacement(rng.normal(size=before.shape) * spread)
-    system.set_surface_loads(np.array([pressure]))
-    relaxation = Relaxation(system)
-    relaxation.start_from_rest()
-    mass = np.repeat(relaxation.node_mass.to_numpy(), 3)
-    found = tangent_of(system)
+    relaxation, rng, found = Relaxation(system), np.random.default_rng(4), []
+    for spread, pressure in [(0.0, 0.0), (0.0, 20.0), (0.02, 0.2), (0.3, 0.0), (0.3, 2.0)]:
+        system.set_displacement(rng.normal(size=before.shape) * spread)
+        system.set_surface_loads(np.array([pressure]))
+        relaxation.start_from_rest()
+        mass = np.repeat(relaxation.node_mass.to_numpy(), 3)
+        stiffness = tangent_of(system)
+        found.append(scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), np.diag(mass), eigvals_only=True)[-1])
     system.set_displacement(before)
     system.set_surface_loads(loads)
-    highest = scipy.linalg.eigh(0.5 * (found + found.T), np.diag(mass), eigvals_only=True)[-1]
-    assert 0.3 < highest < 4 * (1 + 1e-6)
+    assert max(found) < 4 * (1 + 1e-6), found
+    assert max(found) > 1, found  # no more than a small factor too heavy
 
 
 def test_pressure_acts_on_the_quadratic_surface(system: System) -> None:
@@ -161,36 +163,39 @@ def patch(curved: bool) -> Mesh:
     mesh = Mesh.build(points, triangles)
     rim = mesh.node_groups["boundary"]
     inner = ~np.isin(mesh.edge_table.nodes, rim).all(axis=1)
-    bend = np.where(inner[:, None], rng.uniform(-0.04, 0.04, (len(inner), 3)), 0.0) * [1, 1, 0] * (1.0 if curved else 0.0)
+    bend = (
+        np.where(inner[:, None], rng.uniform(-0.04, 0.04, (len(inner), 3)), 0.0) * [1, 1, 0] * (1.0 if curved else 0.0)
+    )
     return with_middles(mesh, lambda a, b: straight(a, b) + bend)
 
 
 @pytest.mark.parametrize("samples", [3, 6])
-@pytest.mark.parametrize("curved", [False, True])
-def test_patch_test(curved: bool, samples: int) -> None:
-    """A uniform deformation gives a uniform stress, that of the three-node patch, and no forces within."""
+def test_patch_test(samples: int) -> None:
+    """A uniform deformation gives a uniform stress and no forces within, on straight and on curved sides."""
     fabric = law("none", side_strain="green")
-    mesh = patch(curved)
-    one = Structure(**{**vars_of(structure_of(mesh, fabric, samples, pressed=False)), "tri_warp": along_x(mesh)})
-    system = System(one)
     gradient = np.array([[0.1, 0.04, 0.0], [-0.02, 0.07, 0.0], [0.05, -0.03, 0.0]])
-    u = mesh.points @ gradient.T
-    system.set_displacement(u)
     stretch = (np.eye(3) + gradient)[:, :2]
     green = 0.5 * (stretch.T @ stretch - np.eye(2))
     strain = np.array([green[0, 0], green[1, 1], 2 * green[0, 1]])
-    state = system.element_state()
-    assert state.strain == pytest.approx(np.tile(strain, (len(state.strain), 1)), abs=1e-14)
-    inner = np.setdiff1d(np.arange(mesh.node_count), mesh.node_groups["boundary"])
-    force = system.out_of_balance()
-    assert np.abs(force[inner]).max() < 1e-14 * np.abs(force).max() * 10
-    density = 0.5 * strain @ fabric.stiffness() @ strain
-    assert system.potential_energy(np.zeros_like(u))[1] == pytest.approx(density * mesh.tri_areas().sum(), rel=1e-12)
-
-
-def vars_of(structure: Structure) -> dict[str, object]:
-    """What a structure is made of."""
-    return {name: getattr(structure, name) for name in structure.__dataclass_fields__}
+    system: System | None = None
+    for curved in (False, True):
+        mesh = patch(curved)
+        one = replace(structure_of(mesh, fabric, samples, pressed=False), tri_warp=along_x(mesh))
+        if system is None:
+            system = System(one)
+        else:
+            assert system.accepts(one)
+            system.upload(one)
+        u = mesh.points @ gradient.T
+        system.set_displacement(u)
+        found = system.element_state().strain
+        assert found == pytest.approx(np.tile(strain, (len(found), 1)), abs=1e-14)
+        inner = np.setdiff1d(np.arange(mesh.node_count), mesh.node_groups["boundary"])
+        force = system.out_of_balance()
+        assert np.abs(force[inner]).max() < 1e-13 * np.abs(force).max()
+        density = 0.5 * strain @ fabric.stiffness() @ strain
+        stored = system.potential_energy(np.zeros_like(u))[1]
+        assert stored == pytest.approx(density * mesh.tri_areas().sum(), rel=1e-12)
 
 
 def along_x(mesh: Mesh) -> Floats:

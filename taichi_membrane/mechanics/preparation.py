@@ -213,7 +213,9 @@ def triangle_geometry(
     directed = np.cross(sides[:, 0], sides[:, 1])
     double_area = np.linalg.norm(directed, axis=1)
     normal = directed / double_area[:, None]
-    warp = _projected(np.repeat(tri_warp, samples, axis=0), normal, np.repeat(np.arange(mesh.tri_count), samples), where)
+    warp = _projected(
+        np.repeat(tri_warp, samples, axis=0), normal, np.repeat(np.arange(mesh.tri_count), samples), where
+    )
     weft = np.cross(normal, warp)
     x, y = np.einsum("iaj,ij->ia", sides, warp), np.einsum("iaj,ij->ia", sides, weft)
     length = np.linalg.norm(sides, axis=2)

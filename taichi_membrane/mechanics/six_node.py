@@ -5,22 +5,22 @@ On the surface x = Σ N_i x_i (:mod:`taichi_membrane.mesh.quadratic`) the tangen
     s₀ = x_η - x_ξ,   s₁ = -x_η,   s₂ = x_ξ,
 
 the directions of the three sides of the flat triangle of coordinates. What the natural triangle is to its sides, the point is to
-these: side strains, G, natural forces T, energy V W(ε). Forces F_c on the corners of the triangle at the point become those on nodes,
-and its blocks K_cd those between nodes, by the derivatives E_i1 = N_i,ξ and E_i2 = N_i,η, because side vectors are linear in places:
+these: side strains, G, natural forces T, energy V W(ε). Forces F_c on the corners of the triangle at the point become those on
+nodes, and its blocks K_cd those between nodes, by the derivatives E_i1 = N_i,ξ and E_i2 = N_i,η, sides being linear in places:
 
     f_i = Σ E_ic F_c,   K_ij = Σ E_ic K_cd E_jd,   c, d = 1, 2.
 
 So forces are the gradient of Σ V W, whatever the points: three, exact for what is linear on a flat one, or six.
 
-Pressure acts on the quadratic surface itself: f_i = p ∫ N_i x_ξ × x_η, an integrand of degree 4, is summed exactly by six points, and
-is p times the gradient of the volume. The symmetric part of its tangent couples nodes by [v]×,
+Pressure acts on the quadratic surface itself: f_i = p ∫ N_i x_ξ × x_η, an integrand of degree 4, is summed exactly by six points,
+and is p times the gradient of the volume. The symmetric part of its tangent couples nodes by [v]×,
 
     v_ij = p/2 ∫ (N_i N_j,ξ - N_j N_i,ξ) x_η - (N_i N_j,η - N_j N_i,η) x_ξ.
 
-Mass bound: with k_a the bound of side a's stiffness at a point (:func:`element.side_stiffness_bound`), its quadratic form is at most
-Σ k_a |Σ_i B_ai u_i|², B_ai = ∂s_a/∂x_i, and by Cauchy and Schwarz at most Σ k_a S_a Σ_i |B_ai| |u_i|² with S_a = Σ_i |B_ai|. So slots
-get ½ Σ k_a S_a |B_ai|, which is k_a for the ends of a three-node triangle's side. Of the pressure's part the quadratic form is at most
-Σ_i |u_i|² Σ_j |v_ij|, and slots get half the sum, with |x_η| and |x_ξ| taken out of the integrals.
+Mass bound: with k_a the bound of side a's stiffness at a point (:func:`element.side_stiffness_bound`), the quadratic form is at
+most Σ k_a |Σ_i B_ai u_i|², B_ai = ∂s_a/∂x_i, and by Cauchy-Schwarz at most Σ k_a S_a Σ_i |B_ai| |u_i|² with S_a = Σ_i |B_ai|.
+So slots get ½ Σ k_a S_a |B_ai|, which is k_a for the ends of a three-node triangle's side. The quadratic form of the pressure's part
+is at most Σ_i |u_i|² Σ_j |v_ij|, and slots get half the sum, with |x_η| and |x_ξ| taken out of the integrals.
 """
 
 import numpy as np
@@ -35,6 +35,7 @@ from taichi_membrane.mesh.quadratic import RULES
 
 # Nodes of the rows and columns of each block: those of one node, then pairs in the order of :attr:`.Structure.pairs`.
 _BLOCKS = (*((i, i) for i in range(6)), *((i, j) for i in range(6) for j in range(i + 1, 6)))
+_BLOCK_COUNT = 21
 
 
 @ti.data_oriented
@@ -45,7 +46,7 @@ class SixNodeTriangles(NaturalTriangles):
         super().__init__(nodes, offset, pressure, structure)
         fp = self.fp
         self.sample_slope = ti.Vector.field(2, fp, shape=(self.samples, 6))  # E_i
-        self.block_node = ti.Vector.field(2, ti.i32, shape=len(_BLOCKS))
+        self.block_node = ti.Vector.field(2, ti.i32, shape=_BLOCK_COUNT)
         if self.pressure.used:
             self.surface_slope = ti.Vector.field(2, fp, shape=(6, 6))
             self.surface_shape = ti.field(fp, shape=(6, 6))  # N_i
@@ -236,7 +237,7 @@ class SixNodeTriangles(NaturalTriangles):
         own_2 = self.corner_block(2, 2, natural, side_force, gradient, sides, length, factor, variant)
         both = self.corner_block(1, 2, natural, side_force, gradient, sides, length, factor, variant)
         turned = both.transpose()
-        for n in range(len(_BLOCKS)):
+        for n in range(_BLOCK_COUNT):
             nodes = self.block_node[n]
             left, right = self.sample_slope[p, nodes[0]], self.sample_slope[p, nodes[1]]
             block = left[0] * right[0] * own_1 + left[1] * right[1] * own_2
@@ -250,7 +251,7 @@ class SixNodeTriangles(NaturalTriangles):
     def _pressure_blocks(self, t, q, pressure, by_xi, by_eta, pair_block: ti.template()):
         """Add the symmetric part of the pressure's tangent at point ``q``."""
         scale = 0.25 * pressure * self.surface_weight[q]
-        for n in range(6, len(_BLOCKS)):
+        for n in range(6, _BLOCK_COUNT):
             i, j = self.block_node[n][0], self.block_node[n][1]
             one, other = self.surface_shape[q, i], self.surface_shape[q, j]
             turning = one * self.surface_slope[q, j] - other * self.surface_slope[q, i]

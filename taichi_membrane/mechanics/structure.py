@@ -157,6 +157,19 @@ class Structure:
         """What each triangle has, (tri_count, …), for each of its points in turn."""
         return values if self.samples == 1 else np.repeat(values, self.samples, axis=0)
 
+    def mean_of_samples(self, values: Floats) -> Floats:
+        """(tri_count, …) means, by area at rest, of what each point of the triangles has, (samples · tri_count, …)."""
+        if self.samples == 1:
+            return values
+        by_tri = values.reshape(-1, self.samples, *values.shape[1:])
+        return np.asarray(np.einsum("ts,ts...->t...", self.sample_weights, by_tri))
+
+    @cached_property
+    def sample_weights(self) -> Floats:
+        """(tri_count, samples) share of each point's area in that of its triangle."""
+        area = self.geometry.area.reshape(-1, self.samples)
+        return np.asarray(area / area.sum(axis=1, keepdims=True))
+
     @property
     def points(self) -> Floats:
         """(node_count, 3) unstressed positions."""
@@ -253,8 +266,8 @@ class Structure:
 
     @cached_property
     def pairs(self) -> Ints:
-        """(n, 2) nodes of the rows and columns of each block that couples two ends of an element: triangles' (:func:`.pairs_of`), then cables,
-        then every two nodes of those that slide."""
+        """(n, 2) nodes of the rows and columns of each block that couples two ends of an element: triangles' (:func:`.pairs_of`),
+        then cables, then every two nodes of those that slide."""
         parts: list[Ints] = [preparation.pairs_of(self.mesh.cells)]
         parts += [] if self.cables is None else [self.cables.nodes]
         parts += [] if self.ropes is None else [self.ropes.pairs]

@@ -142,9 +142,7 @@ class Triangles(NaturalTriangles):
         sides = rest + stretch
         for number in ti.static(range(6)):
             first, second = ti.static(element.BLOCKS[number][0], element.BLOCKS[number][1])
-            block = self.corner_block(
-                first, second, natural, side_force, gradient, sides, length, factor, variant
-            )
+            block = self.corner_block(first, second, natural, side_force, gradient, sides, length, factor, variant)
             if ti.static(first != second and self.pressure.used):
                 block += element.pressure_stiffness(pressure, sides[first, :], sides[second, :])
             if ti.static(self.snow.used):

@@ -79,8 +79,8 @@ def check_shape(points: Floats, cells: NDArray[np.int32], where: str) -> None:
     bad = np.flatnonzero(~(turned > 0.0).all(axis=1))
     if bad.size:
         raise MeshFault(
-            f"{where}: element {bad[0]} is folded: its nodes {tuple(cells[bad[0], 3:].tolist())} lie too far from the middles of its "
-            f"sides; {bad.size} such elements in all",
+            f"{where}: element {bad[0]} is folded: its nodes {tuple(cells[bad[0], 3:].tolist())} lie too far from the middles of "
+            f"its sides; {bad.size} such elements in all",
             elements=[int(bad[0])],
         )
 
@@ -114,7 +114,14 @@ def with_middles(mesh: Mesh, place: Place) -> Mesh:
         groups[name] = np.concatenate([members, count + np.flatnonzero(inside[ends].all(axis=1))])
     tri_groups = {name: members for name, members in mesh.tri_groups.items() if name != "all"}
     return type(mesh).build(
-        points, mesh.triangles, groups, tri_groups, mesh.tri_warp, tri_middle=middles, where="mesh", tri_fields=mesh.tri_fields
+        points,
+        mesh.triangles,
+        groups,
+        tri_groups,
+        mesh.tri_warp,
+        tri_middle=middles,
+        where="mesh",
+        tri_fields=mesh.tri_fields,
     )
 
 

@@ -1,8 +1,8 @@
 """Six-node triangles: corners 0, 1, 2 counter-clockwise, then nodes amid the sides opposite each of them, 3, 4, 5.
 
-The surface is x = Σ N_i x_i with quadratic shape functions of the area coordinates L of the flat triangle; ξ = L₁ and η = L₂ are the
-two free ones. n = x_ξ × x_η is twice the directed area per area of the flat triangle of coordinates, so that the directed area is
-½ Σ w n with weights w that add up to 1. Three-node triangles are the case of a constant n.
+The surface is x = Σ N_i x_i with quadratic shape functions of the area coordinates L of the flat triangle; ξ = L₁ and η = L₂ are
+the two free ones. n = x_ξ × x_η is twice the directed area per area of the flat triangle of coordinates, so that the directed area
+is ½ Σ w n with weights w that add up to 1. Three-node triangles are the case of a constant n.
 """
 
 from __future__ import annotations
@@ -77,6 +77,9 @@ def _six() -> Rule:
 # Exact to degree 2 and to degree 4; the first three points lie nearest to corners 0, 1, 2.
 RULES = {3: _turned([(2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0)], [1.0 / 3.0]), 6: _six()}
 
+# Shares of the nodes in what is lumped, such as mass: in the proportion of ∫ N_i², all of them above zero.
+LUMPED = np.array([3.0, 3.0, 3.0, 16.0, 16.0, 16.0]) / 57.0
+
 
 def tangents(points: Floats, cells: Cells, rule: Rule) -> tuple[Floats, Floats]:
     """(m, k, 3) x_ξ and x_η of cells (m, 6) at the points of a rule."""
@@ -103,7 +106,9 @@ def areas(points: Floats, cells: Cells) -> Floats:
 def volumes(points: Floats, cells: Cells) -> Floats:
     """(m,) volumes of the cones from the origin to cells, ⅓ ∫ x·dA; exact."""
     rule = RULES[6]
-    return np.asarray(np.einsum("k,ki,mid,mkd->m", rule.weights, rule.shapes, points[cells], normals(points, cells, rule)) / 6.0)
+    return np.asarray(
+        np.einsum("k,ki,mid,mkd->m", rule.weights, rule.shapes, points[cells], normals(points, cells, rule)) / 6.0
+    )
 
 
 def node_areas(points: Floats, cells: Cells) -> Floats:
@@ -120,8 +125,8 @@ def node_shares(points: Floats, cells: Cells) -> Floats:
 
 
 def swept_volumes(points: Floats, displacement: Floats, cells: Cells) -> Floats:
-    """(m,) volumes that cells sweep on the straight way from rest: ∫ u·(N + ½ N' + ⅓ N'') over the triangle, N' the part of n that is
-    linear in u, N'' the quadratic one; exact."""
+    """(m,) volumes that cells sweep on the straight way from rest: ∫ u·(N + ½ N' + ⅓ N'') over the triangle, N' the part of n that
+    is linear in u, N'' the quadratic one; exact."""
     rule = RULES[6]
     rest = tangents(points, cells, rule)
     moved = tangents(displacement, cells, rule)

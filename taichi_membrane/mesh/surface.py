@@ -285,11 +285,12 @@ def _checked(
     area_vector = check.area_vectors(points, triangles)
     tri_area = np.linalg.norm(area_vector, axis=1)
     check.check_elements(points, triangles, tri_area, where, hint, middles)
+    table = edge_table(triangles, len(points))
     if middles is not None:
+        edge_middles(middles, table, where)
         cells = np.concatenate([triangles, middles], axis=1)
         check_shape(points, cells, where)
         area_vector = quadratic.area_vectors(points, cells)
-    table = edge_table(triangles, len(points))
     check.check_edges(triangles, table, where, hint)
     check.check_bodies(points, triangles, table, tri_area, where, hint)
     if seams is not None:

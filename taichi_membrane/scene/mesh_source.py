@@ -9,6 +9,10 @@ from pydantic import Field
 from taichi_membrane.scene.base import Count, Positive, Record
 from taichi_membrane.scene.built import ArchTentShape, MattressShape
 
+# What kind of triangles a mesh is made of, and where six-node ones sample strain.
+Order = Literal[1, 2]
+Points = Literal[3, 6]
+
 
 class TubeShape(Record):
     """A straight tube along +x from 0 to ``length``, with or without caps."""
@@ -29,6 +33,10 @@ class TubeShape(Record):
     """Cap at the other end."""
     pattern: Literal["staggered", "diagonal"] = "staggered"
     """How triangles lie: staggered rings, or squares cut by a diagonal."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class ArchShape(Record):
@@ -48,6 +56,10 @@ class ArchShape(Record):
     """Angle of the arc [degrees]."""
     pattern: Literal["staggered", "diagonal"] = "staggered"
     """How triangles lie: staggered rings, or squares cut by a diagonal."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class CushionShape(Record):
@@ -65,6 +77,10 @@ class CushionShape(Record):
     """Squares along y."""
     pattern: Literal["diagonal", "alternating", "crossed"] = "alternating"
     """How squares are cut in triangles."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class PanelShape(Record):
@@ -82,6 +98,10 @@ class PanelShape(Record):
     """Squares along y."""
     pattern: Literal["diagonal", "alternating", "crossed"] = "diagonal"
     """How squares are cut in triangles."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class SphereShape(Record):
@@ -93,6 +113,10 @@ class SphereShape(Record):
     """Radius [length]."""
     divisions: Annotated[int, Field(ge=1, le=3000)]
     """Parts of each edge of the octahedron."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class DiscShape(Record):
@@ -106,6 +130,10 @@ class DiscShape(Record):
     """Rings of elements."""
     sectors: Annotated[int, Field(ge=3, le=64)] = 6
     """Triangles at the centre."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class AnnulusShape(Record):
@@ -121,6 +149,10 @@ class AnnulusShape(Record):
     """Elements around."""
     rings: Count
     """Rings of elements."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class WedgeShape(Record):
@@ -136,6 +168,10 @@ class WedgeShape(Record):
     """Rings of elements."""
     around: Count = 1
     """Triangles at the apex."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class GivenMesh(Record):
@@ -143,6 +179,10 @@ class GivenMesh(Record):
 
     shape: Literal["given"]
     """A mesh object, ``tm.run(scene, mesh=...)``."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class MeshFile(Record):
@@ -162,6 +202,10 @@ class MeshFile(Record):
     """Keep free edges that lie on each other apart, as slits."""
     join: Positive | None = None
     """Distance at which ``--repair`` joins free edges [length]; by the digits of the file without it."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 MeshSource = Annotated[
