@@ -14,6 +14,7 @@ from oracle import Floats
 from taichi_membrane import shapes
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import FabricConstants, volume_gradient
+from taichi_membrane.mechanics.rim import Rim
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
@@ -127,6 +128,34 @@ def test_masses_bound_the_highest_frequency(system: System) -> None:
     system.set_surface_loads(loads)
     assert max(found) < 4 * (1 + 1e-6), found
     assert max(found) > 1, found  # no more than a small factor too heavy
+
+
+def test_pressure_on_a_free_rim() -> None:
+    """Where pressure ends at a free rim the tangent is S + Z, and the work that has no potential is that of the forces."""
+    mesh = shapes.tube(radius=1.0, length=1.5, around=5, along=2, cap_end="none", order=2)
+    structure = structure_of(mesh, FABRICS["Green"])
+    system = System(structure)
+    rng = np.random.default_rng(2)
+    u = rng.uniform(-0.05, 0.05, mesh.points.shape)
+    system.set_displacement(u)
+    pressure = np.array([0.3])
+    system.set_surface_loads(pressure)
+    skew = Rim.of(structure).at(pressure, u)
+    assert skew is not None
+    symmetric, found = Tangent(system).matrix().toarray(), tangent_of(system)
+    whole = np.array([skew.times(one.reshape(-1, 3)).ravel() for one in np.eye(u.size)]).T
+    assert np.abs(whole).max() > 0.01 * np.abs(found).max()
+    assert np.abs(symmetric + whole - found).max() < 2e-8 * np.abs(found).max()
+    # The pressure's work on the straight way, by Gauss' rule, and p times the change of the swept volume less what is beyond.
+    step, done = rng.uniform(-0.1, 0.1, u.shape), 0.0
+    at, weights = np.polynomial.legendre.leggauss(4)
+    for share, weight in zip(0.5 * (at + 1.0), 0.5 * weights, strict=True):
+        push = 0.3 * volume_gradient(mesh.points + u + share * step, mesh.cells, np.ones(mesh.tri_count))
+        done += weight * float(np.vdot(push, step))
+    swept = [float(system.swept_volumes(at).sum()) for at in (u, u + step)]
+    beyond = skew.work_beyond(u + step)
+    assert abs(beyond) > 1e-5
+    assert 0.3 * (swept[1] - swept[0]) - beyond == pytest.approx(done, rel=1e-11)
 
 
 def test_pressure_acts_on_the_quadratic_surface(system: System) -> None:

@@ -19,8 +19,8 @@ and is p times the gradient of the volume. The symmetric part of its tangent cou
 
 Mass bound: with k_a the bound of side a's stiffness at a point (:func:`element.side_stiffness_bound`), the quadratic form is at
 most Σ k_a |Σ_i B_ai u_i|², B_ai = ∂s_a/∂x_i, and by Cauchy-Schwarz at most Σ k_a S_a Σ_i |B_ai| |u_i|² with S_a = Σ_i |B_ai|.
-So slots get ½ Σ k_a S_a |B_ai|, which is k_a for the ends of a three-node triangle's side. The quadratic form of the pressure's part
-is at most Σ_i |u_i|² Σ_j |v_ij|, and slots get half the sum, with |x_η| and |x_ξ| taken out of the integrals.
+So slots get ½ Σ k_a S_a |B_ai|, which is k_a for the ends of a three-node triangle's side. That of the pressure's part is
+at most Σ_i |u_i|² Σ_j |v_ij|, and slots get half the sum, with |x_η| and |x_ξ| taken out of the integrals.
 """
 
 import numpy as np

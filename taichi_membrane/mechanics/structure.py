@@ -320,7 +320,8 @@ class Structure:
 
     @cached_property
     def pressure_edges(self) -> tuple[Ints, Floats]:
-        """Edges (k, 2) where pressures end or jump, and how often the boundary of each runs along them, (k, pressure_count).
+        """Edges (k, 2), of six-node triangles (k, 3) with the node amid each, where pressures end or jump, and how often the
+        boundary of each runs along them, (k, pressure_count).
 
         A wind counts with the pressure at its value 1.
         """
@@ -336,7 +337,10 @@ class Structure:
             blown = self.wind[table.half_edges // 3] * along[:, None]
             sense[:, self.chamber_count :] = np.add.reduceat(blown, table.start, axis=0)
         ends = np.flatnonzero(sense.any(axis=1))
-        return table.nodes[ends].astype(np.int64), sense[ends]
+        nodes = table.nodes[ends].astype(np.int64)
+        if self.mesh.order == 2:
+            nodes = np.column_stack([nodes, self.mesh.edge_middles[ends]])
+        return nodes, sense[ends]
 
     @cached_property
     def elimination(self) -> Elimination:

@@ -135,13 +135,24 @@ def swept_volumes(points: Floats, displacement: Floats, cells: Cells) -> Floats:
     return np.asarray(0.5 * np.einsum("k,ki,mid,mkd->m", rule.weights, rule.shapes, displacement[cells], mean))
 
 
-def side_shares(points: Floats, sides: Cells) -> Floats:
-    """(m, 3) ∫ N_i ds along curved sides, by their nodes at both ends and amid them."""
+def _along_side() -> tuple[Floats, Floats, Floats]:
+    """Weights (k,), shape functions and their slopes (k, 3) of a curved side at Gauss points: of its two ends, then amid it."""
     at, weights = np.polynomial.legendre.leggauss(4)
-    ends = np.column_stack([0.5 * at * (at - 1.0), 0.5 * at * (at + 1.0), 1.0 - at**2])
-    slope = np.column_stack([at - 0.5, at + 0.5, -2.0 * at])
+    values = np.column_stack([0.5 * at * (at - 1.0), 0.5 * at * (at + 1.0), 1.0 - at**2])
+    return weights, values, np.column_stack([at - 0.5, at + 0.5, -2.0 * at])
+
+
+def side_shares(points: Floats, sides: Cells) -> Floats:
+    """(m, 3) ∫ N_i ds along curved sides (m, 3), by their nodes at both ends and amid them."""
+    weights, values, slope = _along_side()
     speed = np.linalg.norm(np.einsum("ki,mid->mkd", slope, points[sides]), axis=2)
-    return np.asarray(np.einsum("k,ki,mk->mi", weights, ends, speed))
+    return np.asarray(np.einsum("k,ki,mk->mi", weights, values, speed))
+
+
+def side_products() -> Floats:
+    """(3, 3, 3) ∫ N_a N_b N_c' along a curved side."""
+    weights, values, slope = _along_side()
+    return np.asarray(np.einsum("k,ka,kb,kc->abc", weights, values, values, slope))
 
 
 def quarters(cells: Cells) -> Cells:
