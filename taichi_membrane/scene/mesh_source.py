@@ -14,6 +14,32 @@ Order = Literal[1, 2]
 Points = Literal[3, 6]
 
 
+class TubeGrade(Record):
+    """Lengths of the bands of elements beside some rings of a tube, on both sides; they grow from there to those of even bands.
+
+    A boundary layer beside a ring that is held, loaded or joins a cap reaches over l = r √(N/(E t)), N = p r/2; l/2 resolves it.
+    Rings lie in line then: ``pattern`` must be ``diagonal``.
+    """
+
+    start: Positive | None = None
+    """Length of the bands beside the ring ``start`` [length]; even without it."""
+    middle: Positive | None = None
+    """Length of the bands beside the ring ``middle`` [length]; even without it."""
+    end: Positive | None = None
+    """Length of the bands beside the ring ``end`` [length]; even without it."""
+
+
+class ArchGrade(Record):
+    """Lengths of the bands of elements beside some rings of an arch, along the arc; as those of a tube."""
+
+    start: Positive | None = None
+    """Length of the bands beside the ring ``start`` [length]; even without it."""
+    crown: Positive | None = None
+    """Length of the bands beside the ring ``crown`` [length]; even without it."""
+    end: Positive | None = None
+    """Length of the bands beside the ring ``end`` [length]; even without it."""
+
+
 class TubeShape(Record):
     """A straight tube along +x from 0 to ``length``, with or without caps."""
 
@@ -33,6 +59,8 @@ class TubeShape(Record):
     """Cap at the other end."""
     pattern: Literal["staggered", "diagonal"] = "staggered"
     """How triangles lie: staggered rings, or squares cut by a diagonal."""
+    grade: Literal["auto"] | TubeGrade | None = None
+    """Shorter bands beside some rings: by their lengths, or ``auto``, l/2 beside all that are held, loaded or join a cap."""
     order: Order = 1
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
@@ -56,6 +84,8 @@ class ArchShape(Record):
     """Angle of the arc [degrees]."""
     pattern: Literal["staggered", "diagonal"] = "staggered"
     """How triangles lie: staggered rings, or squares cut by a diagonal."""
+    grade: Literal["auto"] | ArchGrade | None = None
+    """Shorter bands beside some rings: by their lengths, or ``auto``, l/2 beside all that are held or loaded."""
     order: Order = 1
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3

@@ -8,6 +8,7 @@ Every function takes keyword arguments only, lengths in the user's unit, and ret
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Literal, get_args
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.shapes.arguments import check_count, check_length, check_name, check_size
+from taichi_membrane.shapes.grading import positions, ring_places
 from taichi_membrane.shapes.rings import Ring, ring_directions, wall_triangles, zip_stack
 from taichi_membrane.shapes.true_surface import of_order, on_rings, on_sphere, on_torus, on_tube
 
@@ -36,6 +38,7 @@ def tube(
     cap_end: Cap = "hemisphere",
     pattern: WallPattern = "staggered",
     order: int = 1,
+    grade: Mapping[str, float] | None = None,
 ) -> Mesh:
     """Straight tube along +x, its wall from x = 0 to ``length``; a hemisphere reaches ``radius`` beyond its end.
 
@@ -46,7 +49,10 @@ def tube(
     :param along: bands of elements along the wall, at least 1.
     :param pattern: ``staggered`` turns each ring half a pitch; ``diagonal`` has straight generators.
     :param order: 1 for three-node triangles, 2 for six-node ones with the nodes amid their sides on the round surface.
-    :return: node groups ``start``, ``end``, ``middle`` (even ``along``), ``cap_start``, ``cap_end`` (with their rims),
+    :param grade: lengths of the bands beside the rings ``start``, ``middle`` and ``end``, on caps too; from there they grow until
+        they are as long as ``along`` even ones (:mod:`.grading`).
+    :return: node groups ``start``, ``end``, ``middle`` (where a ring lies there, as with even ``along``), ``cap_start``,
+        ``cap_end`` (with their rims),
         ``tip`` (pole of the end cap); element groups ``wall``, ``cap_start``, ``cap_end``. Warp runs along the axis,
         on caps from the rim to the pole.
     """
@@ -56,16 +62,19 @@ def tube(
     check_name("tube", "cap_start", cap_start, get_args(Cap))
     check_name("tube", "cap_end", cap_end, get_args(Cap))
 
+    places = ring_places("tube", length, along, grade, ("start", "middle", "end"), pattern)
+    along = len(places) - 1
+    check_size("tube", 2 * around * (along + around))
     phases = _wall_phases(along, pattern, first=0)
     cosine, sine = _wall_directions(around, phases)
-    x = np.repeat(length * np.arange(along + 1) / along, around)
+    x = np.repeat(places, around)
     points = np.column_stack((x, -radius * sine, radius * cosine))
     triangles = wall_triangles(around=around, along=along, pattern=pattern, first_phase=0)
     warp = np.tile([1.0, 0.0, 0.0], (len(triangles), 1))
     start = np.arange(around)
     end = start + around * along
     node_groups = {"start": start, "end": end}
-    if along % 2 == 0:
+    if along % 2 == 0 and abs(places[along // 2] - 0.5 * length) <= 1e-9 * length:
         node_groups["middle"] = start + around * along // 2
     tri_groups = {"wall": np.arange(len(triangles))}
     for name, kind, rim, phase, outwards in (
@@ -74,7 +83,8 @@ def tube(
     ):
         if kind == "none":
             continue
-        cap_points, cap = cap_of(kind, radius, Ring(around, int(phase)), outwards)
+        first = (grade or {}).get(name.removeprefix("cap_"))
+        cap_points, cap = cap_of(kind, radius, Ring(around, int(phase)), outwards, first=first)
         cap_points[:, 0] += points[rim[0], 0]
         node_groups[name] = np.concatenate((rim, len(points) + np.arange(len(cap_points))))
         tri_groups[name] = len(triangles) + np.arange(len(cap))
@@ -106,24 +116,30 @@ def _wall_directions(around: int, phases: NDArray[np.int64]) -> tuple[NDArray[np
     return directions[:, 0].ravel(), directions[:, 1].ravel()
 
 
-def cap_of(kind: str, radius: float, rim: Ring, outwards: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def cap_of(
+    kind: str, radius: float, rim: Ring, outwards: int, *, first: float | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Close a rim in the plane x = 0 towards +x or -x: the points beyond the rim, pole last, and the triangles.
 
     The triangles number the rim first. Rings follow it at the distance that suits its side length, and each has as
     many nodes as keep that side.
+
+    :param first: length of the band beside the rim, from which they grow, in rings that are not turned; None where bands are even.
     """
     meridian = radius * (math.pi / 2.0 if kind == "hemisphere" else 1.0)
     steps = max(1, round(meridian / (_EVEN * 2.0 * math.pi * radius / rim.count)))
+    shares = np.arange(steps + 1) / steps
+    if first is not None and first < meridian / steps:
+        shares = positions(meridian, meridian / steps, first, None) / meridian
     multiple = 2 - rim.count % 2  # an even rim is followed by even rings: two planes of symmetry
     rings, points = [rim], []
-    for step in range(1, steps):
-        share = step / steps
+    for step, share in enumerate(shares[1:-1], 1):
         if kind == "hemisphere":
             ring_radius, x = math.cos(share * math.pi / 2.0), math.sin(share * math.pi / 2.0)
         else:
             ring_radius, x = 1.0 - share, 0.0
         count = max(multiple * round(rim.count * ring_radius / multiple), 3 if multiple == 1 else 4)
-        rings.append(Ring(count, (rim.phase + step) % 2))
+        rings.append(Ring(count, (rim.phase + (step if first is None else 0)) % 2))
         cosine, sine = ring_directions(rings[-1])
         points.append(np.column_stack((np.full(count, outwards * x), -ring_radius * sine, ring_radius * cosine)))
     rings.append(Ring(1))
@@ -141,6 +157,7 @@ def arch(
     angle: float = 180.0,
     pattern: WallPattern = "staggered",
     order: int = 1,
+    grade: Mapping[str, float] | None = None,
 ) -> Mesh:
     """Open tube bent to a circular arc in the xz plane: feet centred at x = ±``span``/2, z = 0, crown at the top.
 
@@ -149,8 +166,8 @@ def arch(
     :param around: nodes on a ring, at least 3.
     :param along: bands of elements from foot to foot, at least 2.
     :param angle: angle of the arc [degrees], above 0 and below 360; 180 stands upright on its feet.
-    :param order: as of :func:`tube`.
-    :return: node groups ``start`` (foot at -x), ``end``, and for even ``along`` ``crown`` (the middle ring) and
+    :param order, grade: as of :func:`tube`; lengths along the arc of the bands beside ``start``, ``crown`` and ``end``.
+    :return: node groups ``start`` (foot at -x), ``end``, and where a ring lies there, as with even ``along``, ``crown`` (it) and
         ``crown_top`` (its highest node); element group ``wall``. Warp runs along the tube.
     """
     span = check_length("arch", "span", span)
@@ -164,10 +181,19 @@ def arch(
     if radius >= arc_radius:
         raise InputError(f"arch: radius = {radius:g} must be below the radius of the arc, {arc_radius:g}")
 
+    # Counted from the crown, so that the two halves are mirror images to the last bit.
+    if grade:
+        places = ring_places("arch", 2.0 * half * arc_radius, along, grade, ("start", "crown", "end"), pattern)
+        along = len(places) - 1
+        check_size("arch", 2 * around * along)
+        turns = places / arc_radius - half
+        if grade.get("start") == grade.get("end"):
+            turns = 0.5 * (turns - turns[::-1])
+    else:
+        turns = half * (2 * np.arange(along + 1) - along) / along
     first_phase = (along // 2) % 2  # so that the middle ring has a node on the outer side
     cosine, sine = _wall_directions(around, _wall_phases(along, pattern, first=first_phase))
-    # Counted from the crown, so that the two halves are mirror images to the last bit.
-    turn = np.repeat(half * (2 * np.arange(along + 1) - along) / along, around)
+    turn = np.repeat(turns, around)
     from_centre = arc_radius + radius * cosine
     height = arc_radius * math.cos(half)
     points = np.column_stack((from_centre * np.sin(turn), -radius * sine, from_centre * np.cos(turn) - height))
@@ -175,7 +201,7 @@ def arch(
     centroid = points[triangles].mean(axis=1)
     warp = np.column_stack((centroid[:, 2] + height, np.zeros(len(centroid)), -centroid[:, 0]))
     node_groups = {"start": np.arange(around), "end": around * along + np.arange(around)}
-    if along % 2 == 0:
+    if along % 2 == 0 and abs(turns[along // 2]) <= 1e-9 * half:
         node_groups["crown"] = around * along // 2 + np.arange(around)
         node_groups["crown_top"] = node_groups["crown"][:1]
     mesh = Mesh.build(points, triangles, node_groups, {"wall": np.arange(len(triangles))}, warp, where="arch")

@@ -26,6 +26,7 @@ from taichi_membrane.simulation.dead_forces import unit_forces_of
 from taichi_membrane.simulation.fabrics import fabrics_of, prestress_of, thickness_of
 from taichi_membrane.simulation.groups import fabric_list
 from taichi_membrane.simulation.growth import Growth, growth_of
+from taichi_membrane.simulation.layers import grade_of
 from taichi_membrane.simulation.load_state import LoadState, unloaded
 from taichi_membrane.simulation.members import (
     cables_of,
@@ -225,7 +226,11 @@ def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) 
     else:
         if source.shape == "given":
             raise InputError("mesh.shape = 'given' needs a mesh object: run(scene, mesh=...)")
+        grade = arguments.pop("grade", None)
         mesh = _SHAPES[source.shape](**arguments)
+        if grade is not None:
+            sizes = grade_of(scene, mesh)
+            mesh = _SHAPES[source.shape](**arguments, grade=sizes) if sizes else mesh
     return with_scene_groups(scene, mesh)
 
 
