@@ -18,7 +18,7 @@ class TubeGrade(Record):
     """Lengths of the bands of elements beside some rings of a tube, on both sides; they grow from there to those of even bands.
 
     A boundary layer beside a ring that is held, loaded or joins a cap reaches over l = r √(N/(E t)), N = p r/2; l/2 resolves it.
-    Rings lie in line then: ``pattern`` must be ``diagonal``.
+    Rings lie in line then: ``pattern`` must be ``alternating``, which suits six-node triangles, or ``diagonal``.
     """
 
     start: Positive | None = None
@@ -57,8 +57,8 @@ class TubeShape(Record):
     """Cap at x = 0; flat and hemisphere caps close the tube."""
     cap_end: Literal["none", "flat", "hemisphere"] = "hemisphere"
     """Cap at the other end."""
-    pattern: Literal["staggered", "diagonal"] = "staggered"
-    """How triangles lie: staggered rings, or squares cut by a diagonal."""
+    pattern: Literal["staggered", "diagonal", "alternating"] = "staggered"
+    """How triangles lie: staggered rings, or squares cut by a diagonal; by ``alternating`` ones only with ``order = 2``."""
     grade: Literal["auto"] | TubeGrade | None = None
     """Shorter bands beside some rings: by their lengths, or ``auto``, l/2 beside all that are held, loaded or join a cap."""
     order: Order = 1
@@ -82,8 +82,8 @@ class ArchShape(Record):
     """Rings of elements along the arc."""
     angle: Annotated[float, Field(gt=0, lt=360)] = 180.0
     """Angle of the arc [degrees]."""
-    pattern: Literal["staggered", "diagonal"] = "staggered"
-    """How triangles lie: staggered rings, or squares cut by a diagonal."""
+    pattern: Literal["staggered", "diagonal", "alternating"] = "staggered"
+    """How triangles lie: staggered rings, or squares cut by a diagonal; by ``alternating`` ones only with ``order = 2``."""
     grade: Literal["auto"] | ArchGrade | None = None
     """Shorter bands beside some rings: by their lengths, or ``auto``, l/2 beside all that are held or loaded."""
     order: Order = 1

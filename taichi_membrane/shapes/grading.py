@@ -55,8 +55,8 @@ def ring_places(
         return length * np.arange(along + 1) / along
     if pattern == "staggered":
         raise InputError(
-            f"{where}: grade needs pattern = 'diagonal': triangles of short bands between rings turned by half a pitch "
-            "('staggered') stand across the surface"
+            f"{where}: grade needs pattern = 'diagonal' or 'alternating': triangles of short bands between rings turned by half a "
+            "pitch ('staggered') stand across the surface"
         )
     pitch = length / along
     for name, size in grade.items():

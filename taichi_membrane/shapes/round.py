@@ -22,7 +22,7 @@ from taichi_membrane.shapes.rings import Ring, ring_directions, wall_triangles, 
 from taichi_membrane.shapes.true_surface import of_order, on_rings, on_sphere, on_torus, on_tube
 
 Cap = Literal["none", "flat", "hemisphere"]
-WallPattern = Literal["staggered", "diagonal"]
+WallPattern = Literal["staggered", "diagonal", "alternating"]
 
 # Height over side of an equilateral triangle: the distance of rings that suits a given side.
 _EVEN = math.sqrt(3.0) / 2.0
@@ -47,7 +47,8 @@ def tube(
     :param radius: radius of the nodes of the wall [length].
     :param around: nodes on a ring, at least 3; even keeps the symmetry about z = 0 too.
     :param along: bands of elements along the wall, at least 1.
-    :param pattern: ``staggered`` turns each ring half a pitch; ``diagonal`` has straight generators.
+    :param pattern: ``staggered`` turns each ring half a pitch; ``diagonal`` has straight generators, ``alternating`` (order 2,
+        even ``around``) too, with diagonals that turn from one square to the next.
     :param order: 1 for three-node triangles, 2 for six-node ones with the nodes amid their sides on the round surface.
     :param grade: lengths of the bands beside the rings ``start``, ``middle`` and ``end``, on caps too; from there they grow until
         they are as long as ``along`` even ones (:mod:`.grading`).
@@ -58,7 +59,7 @@ def tube(
     """
     radius = check_length("tube", "radius", radius)
     length = check_length("tube", "length", length)
-    _check_wall("tube", around, along, 1, pattern)
+    _check_wall("tube", around, along, 1, pattern, order)
     check_name("tube", "cap_start", cap_start, get_args(Cap))
     check_name("tube", "cap_end", cap_end, get_args(Cap))
 
@@ -98,10 +99,17 @@ def tube(
     return of_order(mesh, order, on_tube(radius, length, (cap_start, cap_end)), "tube")
 
 
-def _check_wall(where: str, around: int, along: int, lowest_along: int, pattern: str) -> None:
+def _check_wall(where: str, around: int, along: int, lowest_along: int, pattern: str, order: int) -> None:
     check_count(where, "around", around, 3)
     check_count(where, "along", along, lowest_along)
     check_name(where, "pattern", pattern, get_args(WallPattern))
+    if pattern == "alternating":
+        if order == 1:
+            raise InputError(
+                f"{where}: pattern = 'alternating' is for order = 2; flat triangles on it are wrong by up to 65 % once they wrinkle"
+            )
+        if around % 2:
+            raise InputError(f"{where}: pattern = 'alternating' needs an even number of elements around, not {around}")
     check_size(where, 2 * around * (along + around))  # a cap has fewer elements than around²
 
 
@@ -172,7 +180,7 @@ def arch(
     """
     span = check_length("arch", "span", span)
     radius = check_length("arch", "radius", radius)
-    _check_wall("arch", around, along, 2, pattern)
+    _check_wall("arch", around, along, 2, pattern, order)
     angle = check_length("arch", "angle", angle)
     if angle >= 360.0:
         raise InputError(f"arch: angle = {angle:g} must be below 360 degrees")
