@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import meshio
 import numpy as np
 import oracle
 import pytest
@@ -18,7 +20,7 @@ from taichi_membrane.mechanics.rim import Rim
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
-from taichi_membrane.mesh import Mesh, quadratic
+from taichi_membrane.mesh import Mesh, quadratic, read_mesh
 from taichi_membrane.mesh.middles import straight, with_middles
 from taichi_membrane.solvers.relaxation import Relaxation
 
@@ -280,3 +282,38 @@ def test_folded_cells_are_refused() -> None:
     points[mesh.tri_middle[0, 0]] = points[mesh.triangles[0, 1]] * 0.9 + points[mesh.triangles[0, 2]] * 0.1
     with pytest.raises(InputError, match="element 0 is folded"):
         Mesh.build(points, mesh.triangles, tri_middle=mesh.tri_middle)
+
+
+@pytest.mark.parametrize("name", ["sheet.vtu", "sheet.vtk", "sheet.msh", "old.msh"])
+def test_six_node_triangles_are_read_from_files(tmp_path: Path, name: str) -> None:
+    """Corners, nodes amid sides, groups of cells and curved lines, from gmsh, VTK and what meshio reads."""
+    made = shapes.disc(radius=1.0, rings=2, order=2)
+    cells = made.cells[:, [0, 1, 2, 5, 3, 4]]
+    rim = made.edge_table.tri_count == 1
+    edges = np.column_stack([made.edge_table.nodes[rim], made.edge_middles[rim]])
+    tags = [np.where(np.arange(len(cells)) < 6, 7, 8), np.full(len(edges), 9)]
+    both = {"gmsh:physical": tags, "gmsh:geometrical": tags} if name.endswith(".msh") else {"part": tags}
+    places = {"gmsh:dim_tags": np.tile([2, 1], (len(made.points), 1))} if name == "sheet.msh" else {}
+    blocks = [("triangle6", cells), ("line3", edges)]
+    mesh = meshio.Mesh(made.points, blocks, cell_data=both, point_data=places)
+    kind = {"sheet.msh": {"file_format": "gmsh"}, "old.msh": {"file_format": "gmsh22", "binary": False}}
+    mesh.write(tmp_path / name, **kind.get(name, {}))
+    read = read_mesh(tmp_path / name)
+    assert read.order == 2
+    assert read.tri_areas() == pytest.approx(made.tri_areas(), rel=1e-12)
+    assert read.points[read.cells] == pytest.approx(made.points[made.cells])
+    assert len(read.lines) == 2 * len(edges)
+    if name == "sheet.msh":
+        return  # physical groups are those of entities there
+    assert sorted(len(group) for group in read.tri_groups.values()) == [6, 18, 24]
+    (line_group,) = read.line_groups.values()
+    assert len(line_group) == 2 * len(edges)
+    assert 24 in [len(group) for group in read.node_groups.values()]
+
+
+def test_triangles_of_both_kinds_in_one_file_are_refused(tmp_path: Path) -> None:
+    made = shapes.panel(width=1.0, height=1.0, along_x=1, along_y=1, order=2)
+    cells = made.cells[:, [0, 1, 2, 5, 3, 4]]
+    meshio.Mesh(made.points, [("triangle6", cells[:1]), ("triangle", cells[1:, :3])]).write(tmp_path / "mixed.vtu")
+    with pytest.raises(InputError, match="1 six-node triangle beside 1 triangle of three nodes"):
+        read_mesh(tmp_path / "mixed.vtu")
