@@ -54,6 +54,7 @@ class Field:
     :param split: files hold an array per component, and not one of vectors.
     :param whole: its values are small whole numbers.
     :param optional: only runs have it whose scene names it (``Scene.extra_fields``).
+    :param sampled: elements have a value for each point where strain is sampled, and not one.
     :param picture: how it is drawn: ``states`` as coloured regions, ``scale`` by a colour scale (a vector by its length), or not.
     :param value: (count, components) or (count,) from a load step's state, a ``Present``; by default its attribute of that name.
     """
@@ -67,6 +68,7 @@ class Field:
     split: bool = False
     whole: bool = False
     optional: bool = False
+    sampled: bool = False
     picture: Literal["", "states", "scale"] = ""
     value: Callable[[Any], NDArray[Any]] | None = None
 
@@ -75,9 +77,11 @@ class Field:
         values: NDArray[Any] = getattr(present, self.name) if self.value is None else self.value(present)
         return values
 
-    def shape(self, node_count: int, tri_count: int, cable_count: int = 0) -> tuple[int, ...]:
-        """Of its values on a mesh with so many pieces of cables."""
+    def shape(self, node_count: int, tri_count: int, cable_count: int = 0, samples: int = 1) -> tuple[int, ...]:
+        """Of its values on a mesh with so many pieces of cables, and points of each element."""
         count = {"node": node_count, "element": tri_count, "cable": cable_count}[self.place]
+        if self.sampled:
+            return (count, samples)
         return (count, len(self.components)) if self.components else (count,)
 
     @property
@@ -88,7 +92,7 @@ class Field:
     @property
     def bytes(self) -> int:
         """Memory for each node, element or piece."""
-        return (1 if self.whole else 8) * (len(self.components) or 1)
+        return (1 if self.whole else 8) * (MOST_POINTS if self.sampled else len(self.components) or 1)
 
     @property
     def arrays(self) -> tuple[str, ...]:
@@ -106,6 +110,7 @@ class Field:
         return f"{self.meaning} [{unit}]" if unit else self.meaning
 
 
+MOST_POINTS = 6  # of one element where strain is sampled
 _XYZ, _FABRIC_AXES = ("x", "y", "z"), ("warp", "weft", "shear")
 
 FIELDS: tuple[Field, ...] = (
@@ -160,8 +165,19 @@ FIELDS: tuple[Field, ...] = (
         name="free_strain", place="element", meaning="stress-free strain in warp and weft", components=("warp", "weft"),
         split=True, picture="scale", optional=True,
     ),
+    Field(name="point_state", place="element", meaning="state at points", whole=True, optional=True, sampled=True),
+    Field(name="point_taut_margin", place="element", meaning="taut margin at points", optional=True, sampled=True),
+    Field(name="point_slack_margin", place="element", meaning="slack margin at points", optional=True, sampled=True),
+    Field(
+        name="point_major_stress", place="element", meaning="major stress at points", unit="stress", measure="PK2",
+        optional=True, sampled=True,
+    ),
     Field(name="cable_force", place="cable", meaning="force of cables", unit="force"),
 )  # fmt: skip
+
+
+# Those of runs with six-node triangles.
+AT_POINTS = tuple(field.name for field in FIELDS if field.sampled)
 
 
 def of(extra: Collection[str]) -> list[Field]:

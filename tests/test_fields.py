@@ -155,7 +155,15 @@ def test_an_entry_is_all_that_a_new_field_needs(tmp_path: Path, monkeypatch: pyt
 def test_every_stress_says_its_measure() -> None:
     """In arrays, labels and units of probes; and no other field does."""
     units = sheet((1.0, 1.0)).units
-    stressed = {"stress", "prestress", "major_stress", "minor_stress", "major_resultant", "minor_resultant"}
+    stressed = {
+        "stress",
+        "prestress",
+        "major_stress",
+        "minor_stress",
+        "major_resultant",
+        "minor_resultant",
+        "point_major_stress",
+    }
     assert {one.name for one in fields.FIELDS if one.measure} == stressed
     assert {one.name for one in fields.FIELDS if one.unit in ("stress", "resultant")} == {*stressed, "contact_pressure"}
     for one in fields.FIELDS:

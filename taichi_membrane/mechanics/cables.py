@@ -18,14 +18,14 @@ from taichi_membrane.mechanics.structure import Structure
 class CableTerm:
     """Fields and device code of a structure's cables; an element term, see :mod:`taichi_membrane.mechanics.terms`.
 
-    Its slots and pairs come after the triangles', of both of which there are three for each triangle.
+    Its slots and pairs come after the triangles'.
     """
 
     def __init__(self, nodes: Nodes, structure: Structure) -> None:
         assert structure.cables is not None  # else there is no such term
         self.nodes, self.fp, self.dtype = nodes, nodes.fp, nodes.dtype
         size = len(structure.cables.nodes)
-        self.bounds = ti.types.struct(count=ti.i32, first=ti.i32).field(shape=())
+        self.bounds = ti.types.struct(count=ti.i32, first=ti.i32, pair=ti.i32).field(shape=())
         self.cable_node = ti.Vector.field(2, ti.i32, shape=size)
         # L, |rest|² - L², T₀, EA, and the share of a compression that is borne.
         self.cable_constants = ti.Vector.field(5, nodes.fp, shape=size)
@@ -39,7 +39,8 @@ class CableTerm:
         one = structure.cables
         assert one is not None
         self.structure, self.cable_count = structure, len(one.nodes)
-        self.bounds[None] = {"count": self.cable_count, "first": 3 * structure.mesh.tri_count}
+        first, pair = structure.cable_start
+        self.bounds[None] = {"count": self.cable_count, "first": first, "pair": pair}
         rest = structure.points[one.nodes[:, 1]] - structure.points[one.nodes[:, 0]]
         excess = (rest**2).sum(axis=1) - one.length**2
         constants = np.column_stack([one.length, excess, one.prestress, one.stiffness, one.bar])
@@ -105,7 +106,7 @@ class CableTerm:
         first = self.bounds[None].first
         slot_block[first + 2 * e] = block
         slot_block[first + 2 * e + 1] = block
-        pair_block[first + e] = -block
+        pair_block[self.bounds[None].pair + e] = -block
 
     @ti.kernel
     def _state_kernel(self, out: ti.types.ndarray()):

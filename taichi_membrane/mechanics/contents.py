@@ -73,7 +73,7 @@ class Contents:
         """(node_count, 3) ∂V/∂x in the supports' axes."""
         mesh = self.system.structure.mesh
         places = mesh.points + self.system.displacement()
-        return self.system.in_frames(volume_gradient(places, mesh.triangles[chamber.triangles], chamber.sign))
+        return self.system.in_frames(volume_gradient(places, mesh.cells[chamber.triangles], chamber.sign))
 
     def level_gradient(self, pond: Pond) -> Floats:
         """(node_count, 3) ∂f/∂h in the supports' axes."""

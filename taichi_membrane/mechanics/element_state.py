@@ -12,7 +12,8 @@ from taichi_membrane.arrays import Floats
 
 @dataclass(frozen=True, kw_only=True)
 class ElementState:
-    """State of every triangle at the present displacements; stresses and strains in fabric axes (warp, weft, shear).
+    """State at every point where strain is sampled, of three-node triangles one each, at the present displacements; stresses and
+    strains in fabric axes (warp, weft, shear).
 
     :param strain: (m, 3); shear is the engineering shear strain.
     :param stress: (m, 3) force per area.

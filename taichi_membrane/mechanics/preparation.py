@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from taichi_membrane.arrays import Floats, Ints
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
+from taichi_membrane.mesh.quadratic import RULES, node_areas, tangents
 from taichi_membrane.names import SideStrain, WrinklingLaw
 
 
@@ -188,7 +189,8 @@ class Water:
 
 @dataclass(frozen=True, kw_only=True)
 class TriangleGeometry:
-    """Per triangle: side lengths at rest (m, 3), area (m,), strain matrix G (m, 3, 3) with ε = G δ, unit warp and weft (m, 3)."""
+    """Per point where strain is sampled, one or ``samples`` of each triangle (m then is that many times their number): side lengths
+    at rest (m, 3), area (m,), strain matrix G (m, 3, 3) with ε = G δ, unit warp and weft (m, 3)."""
 
     side_length: Floats
     area: Floats
@@ -197,29 +199,43 @@ class TriangleGeometry:
     weft: Floats
 
 
-def triangle_geometry(mesh: Mesh, tri_warp: Floats, *, where: str = "fabric.warp") -> TriangleGeometry:
-    """Geometry of all triangles in their fabric axes.
+def triangle_geometry(
+    mesh: Mesh, tri_warp: Floats, *, samples: int = 1, where: str = "fabric.warp"
+) -> TriangleGeometry:
+    """Geometry of all triangles in their fabric axes, at the points where strain is sampled.
 
     The inverse of the rows [cos²θ, sin²θ, sinθ cosθ] of eq. 6 in closed form: the strain that has extension in side a alone
     is -(n_b⊗n_c + n_c⊗n_b) L_a δ_a / (8 A²), n the sides turned by a right angle. No matrix is inverted: slivers keep digits.
 
     :raises InputError: a warp direction that is (nearly) perpendicular to its element, with the element number.
     """
-    corners = mesh.points[mesh.triangles]
-    sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # side a: corner a+1 to corner a+2
+    sides = sample_sides(mesh, mesh.points, samples)
     directed = np.cross(sides[:, 0], sides[:, 1])
     double_area = np.linalg.norm(directed, axis=1)
     normal = directed / double_area[:, None]
-    warp = project_on_elements(tri_warp, normal, np.arange(mesh.tri_count), where)
+    warp = _projected(
+        np.repeat(tri_warp, samples, axis=0), normal, np.repeat(np.arange(mesh.tri_count), samples), where
+    )
     weft = np.cross(normal, warp)
     x, y = np.einsum("iaj,ij->ia", sides, warp), np.einsum("iaj,ij->ia", sides, weft)
     length = np.linalg.norm(sides, axis=2)
     xb, xc, yb, yc = np.roll(x, -1, 1), np.roll(x, -2, 1), np.roll(y, -1, 1), np.roll(y, -2, 1)
     factor = length / double_area[:, None] ** 2
     strain_matrix = np.stack([-yb * yc * factor, -xb * xc * factor, (xb * yc + xc * yb) * factor], axis=1)
-    return TriangleGeometry(
-        side_length=length, area=0.5 * double_area, strain_matrix=strain_matrix, warp=warp, weft=weft
-    )
+    area = 0.5 * double_area
+    if mesh.order == 2:
+        area = area * np.tile(RULES[samples].weights, mesh.tri_count)
+    return TriangleGeometry(side_length=length, area=area, strain_matrix=strain_matrix, warp=warp, weft=weft)
+
+
+def sample_sides(mesh: Mesh, points: Floats, samples: int) -> Floats:
+    """(samples · tri_count, 3, 3) side vectors where strain is sampled, with the nodes at ``points``: side a from corner a+1 to
+    corner a+2, of six-node triangles those of the triangle that the tangents at a point span (:mod:`six_node`)."""
+    if mesh.order == 1:
+        corners = points[mesh.triangles]
+        return np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    by_xi, by_eta = tangents(points, mesh.cells, RULES[samples])
+    return np.stack([by_eta - by_xi, -by_eta, by_xi], axis=2).reshape(-1, 3, 3)
 
 
 def project_on_elements(directions: Floats, normals: Floats, elements: Ints, where: str) -> Floats:
@@ -227,7 +243,11 @@ def project_on_elements(directions: Floats, normals: Floats, elements: Ints, whe
 
     :raises InputError: a direction that is perpendicular to its element to within 1e-6, with the element number.
     """
-    asked, normal = directions[elements], normals[elements]
+    return _projected(directions[elements], normals[elements], elements, where)
+
+
+def _projected(asked: Floats, normal: Floats, elements: Ints, where: str) -> Floats:
+    """The same of directions and normals (k, 3) that belong to ``elements`` (k,)."""
     tangent = asked - np.einsum("ij,ij->i", asked, normal)[:, None] * normal
     length = np.linalg.norm(tangent, axis=1)
     bad = np.flatnonzero(length <= 1e-6 * np.linalg.norm(asked, axis=1))
@@ -254,6 +274,8 @@ def gather_lists(slots: Ints, node_count: int) -> tuple[Ints, Ints]:
 
 def nodal_pressure(mesh: Mesh, tri_pressure: Floats) -> Floats:
     """(node_count, 3) nodal forces of a pressure per triangle on the unstressed shape; a scale for residuals."""
+    if mesh.order == 2:
+        return sum_to_nodes(mesh, (tri_pressure[:, None, None] * node_areas(mesh.points, mesh.cells)).reshape(-1, 3))
     force = (tri_pressure * mesh.tri_areas())[:, None] * mesh.tri_normals() / 3.0
     return sum_to_nodes(mesh, np.repeat(force, 3, axis=0))
 
@@ -261,8 +283,12 @@ def nodal_pressure(mesh: Mesh, tri_pressure: Floats) -> Floats:
 def volume_gradient(points: Floats, triangles: Ints, share: Floats | Ints) -> Floats:
     """(node_count, 3) ∂V/∂x of the volume that triangles enclose: a sixth of (b - a) × (c - a) of each at its three corners.
 
+    :param triangles: (k, 3), or (k, 6) all nodes of six-node ones.
     :param share: how often each triangle's volume counts; -1 where its normal points inwards.
     """
+    if triangles.shape[1] == 6:
+        areas = (node_areas(points, triangles) * np.asarray(share)[:, None, None]).reshape(-1, 3)
+        return np.stack([np.bincount(triangles.ravel(), c, minlength=len(points)) for c in areas.T], axis=1)
     corners = points[triangles]
     vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * (share / 6.0)[:, None]
     columns = [np.bincount(triangles.ravel(), np.repeat(c, 3), minlength=len(points)) for c in vector.T]
@@ -270,8 +296,8 @@ def volume_gradient(points: Floats, triangles: Ints, share: Floats | Ints) -> Fl
 
 
 def sum_to_nodes(mesh: Mesh, corner_values: Floats) -> Floats:
-    """Sum (3 · tri_count, k) corner values at the nodes, giving (node_count, k)."""
-    flat = mesh.triangles.reshape(-1)
+    """Sum (3 · tri_count, k) corner values, or (6 · tri_count, k) of all nodes of six-node triangles, giving (node_count, k)."""
+    flat = mesh.cells.reshape(-1)
     columns = [np.bincount(flat, weights=column, minlength=mesh.node_count) for column in corner_values.T]
     return np.stack(columns, axis=1)
 
@@ -285,6 +311,13 @@ def sides_now(mesh: Mesh, displacement: Floats, tri: Ints) -> Floats:
     """(k, 3, 3) vectors of the sides of some triangles at a displacement; side a from corner a+1 to corner a+2."""
     corners = (mesh.points + displacement)[mesh.triangles[tri]]
     return np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+
+
+def pairs_of(cells: Ints) -> Ints:
+    """(n, 2) nodes of every two of cells' nodes: of triangles their sides, of six-node ones rows (0, 1), (0, 2), … (1, 2), …"""
+    if cells.shape[1] == 3:
+        return sides_of(cells)
+    return cells[:, np.column_stack(np.triu_indices(6, 1))].reshape(-1, 2)
 
 
 def edge_keys(pairs: Ints, node_count: int) -> NDArray[np.int64]:

@@ -6,6 +6,8 @@ S symmetric (what :mod:`tangent` assembles) and, for virtual displacements v and
 
     v·Z u = ½ Σ q ∮ v·(dx × u):   an edge s adds q/12 [s]× ⊗ [[2, 1], [1, 2]] for its two ends; Zᵀ = -Z.
 
+A curved edge of three nodes adds q/2 Σ_c S_abc [x_c]× for each two of them, S_abc = ∫ N_a N_b N_c' along it.
+
 Z vanishes where an edge's ends cannot move, or only in one plane with the edge, as in a plane of symmetry.
 
 Loads per plan area have no potential anywhere; their skew part (:mod:`snow_skew`) is added to Z.
@@ -27,15 +29,18 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 from taichi_membrane.algebra.krylov import Found, gmres
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.algebra.refinement import GOOD, USELESS, refined
+from taichi_membrane.mechanics.body import cross_matrices
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.skew import Blocks, Part, Skew
 from taichi_membrane.mechanics.snow_skew import SnowSkew
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.wet import WaterSkew, rim_moves
+from taichi_membrane.mesh.quadratic import side_products
 
 __all__ = ["EdgeSkew", "Rim", "Skew", "SkewFactor", "symmetric"]
 
 _SHARES = np.array([[2.0, 1.0], [1.0, 2.0]]) / 12.0  # of the two ends of an edge: ∫ N_a N_b / 2
+_CURVED = 0.5 * side_products()  # S/2
 # Directions closer than this are one: round-off of frames is 1e-16, a plane of symmetry that is off by more is none.
 _IN_PLANE = 1e-9
 # Pressures that cancel to this share of the largest one leave a skew part below the tangent's own round-off.
@@ -51,7 +56,7 @@ _FLUTTER = "flutter, which masses and damping decide, is not looked for"
 class Rim:
     """Edges of one structure at which pressures may be without a potential.
 
-    :param nodes: (k, 2) their ends.
+    :param nodes: (k, 2) their ends, or (k, 3) with the node amid each.
     :param sense: (k, pressure_count) how often the boundary of each chamber, or wind, runs along the edge; q = sense · p.
     :param liquids: numbers of those without a potential.
     """
@@ -88,7 +93,8 @@ class Rim:
             return None
         jump = self.sense @ pressures
         chosen = np.flatnonzero(np.abs(jump) > _EQUAL * np.abs(pressures).max())
-        return EdgeSkew(self.structure, self.nodes[chosen], jump[chosen], displacement) if len(chosen) else None
+        kind = EdgeSkew if self.nodes.shape[1] == 2 else CurvedEdgeSkew
+        return kind(self.structure, self.nodes[chosen], jump[chosen], displacement) if len(chosen) else None
 
 
 def _can_turn(structure: Structure, nodes: Ints) -> Ints:
@@ -98,11 +104,11 @@ def _can_turn(structure: Structure, nodes: Ints) -> Ints:
     frames = np.broadcast_to(np.eye(3), (*nodes.shape, 3, 3))
     if structure.node_frame is not None:
         frames = structure.node_frame[nodes]
-    ways = (np.where(structure.node_fixed[nodes], 0.0, 1.0)[..., None] * frames).reshape(len(nodes), 6, 3)
-    along = structure.points[nodes[:, 1]] - structure.points[nodes[:, 0]]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    ways = (np.where(structure.node_fixed[nodes], 0.0, 1.0)[..., None] * frames).reshape(len(nodes), -1, 3)
+    along = structure.points[nodes[:, 1:]] - structure.points[nodes[:, :1]]
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
     span = np.linalg.matrix_rank(ways, tol=_IN_PLANE)
-    with_edge = np.linalg.matrix_rank(np.concatenate([ways, along[:, None]], axis=1), tol=_IN_PLANE)
+    with_edge = np.linalg.matrix_rank(np.concatenate([ways, along], axis=1), tol=_IN_PLANE)
     return np.flatnonzero((span > 1) & ~((span == 2) & (with_edge == 2)))
 
 
@@ -153,6 +159,32 @@ class EdgeSkew:
             for b in range(2):
                 turned = np.cross(self.base[self.nodes[:, a]], step[self.nodes[:, b]])
                 total += _SHARES[a, b] * np.einsum("ij,ij->i", edge, turned)
+        return float(self.jump @ total)
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedEdgeSkew(EdgeSkew):
+    """The same of curved edges, (k, 3) with the node amid each."""
+
+    def blocks(self) -> Blocks:
+        """q/2 Σ_c S_abc [x_c]× of each edge."""
+        places = self.jump[:, None, None] * (self.structure.points + self.base)[self.nodes]
+        pairs = [(a, b) for a in range(3) for b in range(3)]
+        return Blocks(
+            np.concatenate([self.nodes[:, a] for a, _ in pairs]),
+            np.concatenate([self.nodes[:, b] for _, b in pairs]),
+            np.concatenate([cross_matrices(np.einsum("c,ncd->nd", _CURVED[a, b], places)) for a, b in pairs]),
+        )
+
+    def work_beyond(self, displacement: Floats) -> float:
+        """As of straight edges."""
+        place = (self.structure.points + (self.base + displacement) / 3.0)[self.nodes]
+        base, step = self.base[self.nodes], (displacement - self.base)[self.nodes]
+        total = np.zeros(len(place))
+        for a in range(3):
+            for b in range(3):
+                edge = np.einsum("c,ncd->nd", _CURVED[a, b], place)
+                total += np.einsum("ij,ij->i", edge, np.cross(base[:, a], step[:, b]))
         return float(self.jump @ total)
 
 

@@ -49,8 +49,8 @@ class RopeTerm:
         assert ropes is not None
         self.structure, self.ropes = structure, ropes
         others = 0 if structure.cables is None else len(structure.cables.nodes)
-        triangles = 3 * structure.mesh.tri_count
-        self.bounds[None] = {"count": ropes.count, "slot": triangles + 2 * others, "pair": triangles + others}
+        slot, pair = structure.cable_start
+        self.bounds[None] = {"count": ropes.count, "slot": slot + 2 * others, "pair": pair + others}
         ends = structure.points[ropes.sides]
         first = np.concatenate([[0], np.cumsum(ropes.side_counts)])[:-1]
         rest = np.add.reduceat(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), first)

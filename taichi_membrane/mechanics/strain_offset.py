@@ -87,7 +87,7 @@ def self_stress_norm(structure: Structure, values: Floats) -> float:
             stress[members] = stress[members] @ one.stiffness()
         level = np.linalg.norm(stress, axis=1)
     level = level * structure.thickness
-    squared = (level**2 * structure.geometry.area).sum()
+    squared = (level**2 * structure.tri_area).sum()
     if structure.cables is not None:
         squared += (structure.cables.prestress**2).sum()
     if structure.ropes is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,8 @@ class Features:
     ``water``: how many liquids.
     ``slanted``: held directions other than x, y, z, with a frame per node. ``cables``: two-node elements. ``ropes``: cables that
     slide over nodes. ``springs``: nodes on springs to the ground. ``obstacles``: of each what is compiled.
-    ``walls``: elements that touch each other. ``bodies``: rigid node groups.
+    ``walls``: elements that touch each other. ``bodies``: rigid node groups. ``samples``: points of a triangle where strain is
+    sampled, more than one with six nodes.
     """
 
     variants: tuple[Variant, ...]
@@ -73,6 +74,7 @@ class Features:
     obstacles: tuple[tuple[str, bool, bool], ...]
     walls: bool
     bodies: bool
+    samples: int = 1
 
     def describe(self) -> tuple[list[str], list[str]]:
         """Names of what is compiled in and of what is left out."""
@@ -101,6 +103,7 @@ class Features:
             "contact of walls with each other": self.walls,
             "friction": any(friction for _, _, friction in self.obstacles),
             "rigid bodies": self.bodies,
+            "six-node triangles": self.samples > 1,
         }
         return [name for name, used in flags.items() if used], [name for name, used in flags.items() if not used]
 
@@ -125,6 +128,7 @@ class Structure:
     :param tri_thickness: (tri_count,) thickness at rest, where it differs within a fabric.
     :param tri_prestress: (tri_count, 3) stress at zero strain in fabric axes (warp, weft, shear), where it differs within a fabric.
     :param walls: elements that touch each other.
+    :param sampling: points of a six-node triangle where strain is sampled, 3 or 6.
     :param growth: (tri_count, 2, n) relative extension of the free fabric in warp and weft at value 1 of each of its drivers.
     """
 
@@ -149,6 +153,29 @@ class Structure:
     tri_thickness: Floats | None = None
     tri_prestress: Floats | None = None
     growth: Floats | None = None
+    sampling: int = 3
+
+    @property
+    def samples(self) -> int:
+        """Points of each triangle where strain is sampled."""
+        return 1 if self.mesh.order == 1 else self.sampling
+
+    def by_sample(self, values: NDArray[Any]) -> NDArray[Any]:
+        """What each triangle has, (tri_count, …), for each of its points in turn."""
+        return values if self.samples == 1 else np.repeat(values, self.samples, axis=0)
+
+    def mean_of_samples(self, values: Floats) -> Floats:
+        """(tri_count, …) means, by area at rest, of what each point of the triangles has, (samples · tri_count, …)."""
+        if self.samples == 1:
+            return values
+        by_tri = values.reshape(-1, self.samples, *values.shape[1:])
+        return np.asarray(np.einsum("ts,ts...->t...", self.sample_weights, by_tri))
+
+    @cached_property
+    def sample_weights(self) -> Floats:
+        """(tri_count, samples) share of each point's area in that of its triangle."""
+        area = self.geometry.area.reshape(-1, self.samples)
+        return np.asarray(area / area.sum(axis=1, keepdims=True))
 
     @property
     def points(self) -> Floats:
@@ -227,25 +254,37 @@ class Structure:
 
     @cached_property
     def geometry(self) -> TriangleGeometry:
-        """Geometry of all triangles in their fabric axes."""
-        return preparation.triangle_geometry(self.mesh, self.tri_warp)
+        """Geometry of all triangles in their fabric axes, at each point where strain is sampled."""
+        return preparation.triangle_geometry(self.mesh, self.tri_warp, samples=self.samples)
+
+    @cached_property
+    def tri_area(self) -> Floats:
+        """(tri_count,) area at rest."""
+        area = self.geometry.area
+        return area if self.samples == 1 else area.reshape(-1, self.samples).sum(axis=1)
 
     @cached_property
     def slots(self) -> Ints:
-        """Node of each slot: the triangles' corners, then the cables' ends, then the nodes of those that slide."""
-        parts: list[Ints] = [self.mesh.triangles.ravel()]
+        """Node of each slot: the triangles' nodes, then the cables' ends, then the nodes of those that slide."""
+        parts: list[Ints] = [self.mesh.cells.ravel()]
         parts += [] if self.cables is None else [self.cables.nodes.ravel()]
         parts += [] if self.ropes is None else [self.ropes.chain]
         return np.concatenate(parts).astype(np.int32)
 
     @cached_property
     def pairs(self) -> Ints:
-        """(n, 2) nodes of the rows and columns of each block that couples two ends of an element: triangles' sides, then cables,
-        then every two nodes of those that slide."""
-        parts: list[Ints] = [preparation.sides_of(self.mesh.triangles)]
+        """(n, 2) nodes of the rows and columns of each block that couples two ends of an element: triangles' (:func:`.pairs_of`),
+        then cables, then every two nodes of those that slide."""
+        parts: list[Ints] = [preparation.pairs_of(self.mesh.cells)]
         parts += [] if self.cables is None else [self.cables.nodes]
         parts += [] if self.ropes is None else [self.ropes.pairs]
         return np.concatenate(parts).astype(np.int32)
+
+    @property
+    def cable_start(self) -> tuple[int, int]:
+        """Number of the first slot, and of the first pair, that are not triangles'."""
+        count = self.mesh.tri_count
+        return (3 * count, 3 * count) if self.mesh.order == 1 else (6 * count, 15 * count)
 
     @property
     def cable_sides(self) -> tuple[Ints, Floats]:
@@ -265,7 +304,7 @@ class Structure:
     @cached_property
     def edges(self) -> Ints:
         """(edge_count, 2) nodes whose freedoms any element couples, the lower number first; sorted."""
-        if self.cables is None and self.ropes is None and not self.bodies:
+        if self.cables is None and self.ropes is None and not self.bodies and self.mesh.order == 1:
             return self.mesh.edges()
         pairs = reduced_pairs(self.pairs, self.bodies, self.node_count) if self.bodies else self.pairs
         keys = np.unique(preparation.edge_keys(pairs, self.node_count))
@@ -288,7 +327,8 @@ class Structure:
 
     @cached_property
     def pressure_edges(self) -> tuple[Ints, Floats]:
-        """Edges (k, 2) where pressures end or jump, and how often the boundary of each runs along them, (k, pressure_count).
+        """Edges (k, 2), of six-node triangles (k, 3) with the node amid each, where pressures end or jump, and how often the
+        boundary of each runs along them, (k, pressure_count).
 
         A wind counts with the pressure at its value 1.
         """
@@ -304,7 +344,10 @@ class Structure:
             blown = self.wind[table.half_edges // 3] * along[:, None]
             sense[:, self.chamber_count :] = np.add.reduceat(blown, table.start, axis=0)
         ends = np.flatnonzero(sense.any(axis=1))
-        return table.nodes[ends].astype(np.int64), sense[ends]
+        nodes = table.nodes[ends].astype(np.int64)
+        if self.mesh.order == 2:
+            nodes = np.column_stack([nodes, self.mesh.edge_middles[ends]])
+        return nodes, sense[ends]
 
     @cached_property
     def elimination(self) -> Elimination:
@@ -348,6 +391,7 @@ class Structure:
             obstacles=tuple(one.code for one in self.obstacles),
             walls=self.walls is not None,
             bodies=bool(self.bodies),
+            samples=self.samples,
         )
 
 

@@ -16,6 +16,7 @@ from taichi_membrane.mechanics.nodes import Nodes, field_bytes
 from taichi_membrane.mechanics.preparation import Floats, TriangleGeometry
 from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.ropes import RopeTerm
+from taichi_membrane.mechanics.six_node import SixNodeTriangles
 from taichi_membrane.mechanics.snow import Snow
 from taichi_membrane.mechanics.springs import SpringTerm
 from taichi_membrane.mechanics.strain_offset import StrainOffset, self_stress_norm
@@ -37,7 +38,11 @@ class System(Nodes):
         self.snow = Snow(structure, self.fp, self.dtype)
         self.water = WaterTerm(self, structure)
         self.offset = StrainOffset(structure, self.fp, self.dtype)
-        self.triangles = Triangles(self, self.offset, self.pressure, self.snow, self.water, structure)
+        self.triangles: Triangles | SixNodeTriangles
+        if structure.mesh.order == 1:
+            self.triangles = Triangles(self, self.offset, self.pressure, self.snow, self.water, structure)
+        else:
+            self.triangles = SixNodeTriangles(self, self.offset, self.pressure, structure)
         self.cables = CableTerm(self, structure) if self.features.cables else None
         self.ropes = RopeTerm(self, structure) if self.features.ropes else None
         self.contacts = contact_terms(self, structure)
@@ -253,11 +258,11 @@ class System(Nodes):
 
     @property
     def geometry(self) -> TriangleGeometry:
-        """Geometry of the triangles at rest."""
+        """Geometry of the triangles at rest, where strain is sampled."""
         return self.triangles.geometry
 
     def element_state(self) -> ElementState:
-        """Strain, stress and wrinkling state of every triangle at the present displacements."""
+        """Strain, stress and wrinkling state at every point of every triangle, at the present displacements."""
         return self.triangles.element_state()
 
     def cable_forces(self) -> Floats:
@@ -283,7 +288,7 @@ class System(Nodes):
 
     def stress_norm(self) -> float:
         """Size of the nodal forces of the elements by themselves at the present state."""
-        level = np.linalg.norm(self.element_state().stress, axis=1) * self.structure.thickness
+        level = np.linalg.norm(self.element_state().stress, axis=1) * self.structure.by_sample(self.structure.thickness)
         return float(np.sqrt((level**2 * self.geometry.area).sum()))
 
     def self_stress_norm(self, growth: Floats | None = None) -> float:

@@ -91,7 +91,12 @@ def area_vectors(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> N
 
 
 def check_elements(
-    points: NDArray[np.float64], triangles: NDArray[np.int32], tri_area: NDArray[np.float64], where: str, hint: str = ""
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    tri_area: NDArray[np.float64],
+    where: str,
+    hint: str = "",
+    middles: NDArray[np.int32] | None = None,
 ) -> None:
     """Refuse repeated corners, triangles without area, and nodes that no triangle uses (``hint`` says how to mend that)."""
     a, b, c = triangles.T
@@ -111,6 +116,8 @@ def check_elements(
         )
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
+    if middles is not None:
+        used[middles] = True
     bad = np.flatnonzero(~used)
     if bad.size:
         told = f"{bad.size} of {len(points)} nodes belong to no element, the first is node {bad[0]}"

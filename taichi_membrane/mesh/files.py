@@ -73,6 +73,7 @@ def _built(parts: MeshParts, where: str, repair: bool, scale: float, open_seams:
             loose_groups=parts.loose_groups,
             notes=parts.notes,
             tri_fields=parts.tri_fields,
+            tri_middle=parts.tri_middle,
         )
     except MeshFault as fault:
         names = _names(fault.elements, parts.element_name)

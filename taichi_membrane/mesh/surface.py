@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.mesh import check
+from taichi_membrane.mesh import check, quadratic
 from taichi_membrane.mesh.cracks import Tolerance, check_seams
+from taichi_membrane.mesh.middles import as_middles, check_shape, edge_middles, pieces
 from taichi_membrane.mesh.repair import HINT, mend
 from taichi_membrane.mesh.topology import EdgeTable, edge_table, node_parts, sorted_unique
 
@@ -48,6 +49,7 @@ class Mesh:
     :param notes: what a file says that is not carried over, and what was decided when it was read, a line each.
     :param tri_fields: numbers of the elements, (tri_count,) or (tri_count, k), by name; scenes may take thickness, prestress, warp
         directions and pressure coefficients from them.
+    :param tri_middle: (tri_count, 3) nodes amid the side opposite each corner of six-node triangles; None of three-node triangles.
     :param tolerance: how near nodes of free edges are one, by the digits of the coordinates [length].
     """
 
@@ -64,6 +66,7 @@ class Mesh:
     notes: tuple[str, ...] = ()
     tolerance: float = 0.0
     tri_fields: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    tri_middle: NDArray[np.int32] | None = None
 
     @classmethod
     def build(
@@ -85,6 +88,7 @@ class Mesh:
         loose_groups: Mapping[str, ArrayLike] | None = None,
         notes: Sequence[str] = (),
         tri_fields: Mapping[str, ArrayLike] | None = None,
+        tri_middle: ArrayLike | None = None,
     ) -> Mesh:
         """Convert, check and freeze a mesh; add the groups "all" and "boundary" (unless one of that name is given).
 
@@ -93,9 +97,11 @@ class Mesh:
         :param repair: first mend what can be (:mod:`.repair`); ``mended`` says what was done. Elements keep their data.
         :param open_seams: free edges that lie on each other stay apart, as slits; without it they are refused, or joined by repair.
         :param join, digit: repair joins nodes of free edges up to the first [length]; without it by the coordinates' last digit.
-        :param lines, line_groups, loose_points, loose_groups, notes, tri_fields: as the fields of those names.
+        :param lines, line_groups, loose_points, loose_groups, notes, tri_fields, tri_middle: as the fields of those
+            names.
         :raises InputError: wrong shapes, coordinates that are not finite, numbers out of range, degenerate or duplicate elements,
-            unused nodes, opposite orientation, free edges that nearly coincide, a closed body inside out, an empty group.
+            unused nodes, opposite orientation, free edges that nearly coincide, a closed body inside out, an empty group;
+            six-node triangles that are folded, or have different nodes amid a common edge, or are to be repaired.
         """
         xyz = check.as_points(points, where)
         corners = check.as_triangles(triangles, len(xyz), where)
@@ -103,16 +109,19 @@ class Mesh:
         loose = check.as_loose(loose_points, lines, line_groups, loose_groups, len(xyz), where)
         tolerance = _tolerance(xyz, corners, digit, join, where)
         mended: tuple[str, ...] = ()
+        middles = None if tri_middle is None else as_middles(tri_middle, corners, len(xyz), where)
         if repair:
+            if middles is not None:
+                raise InputError(f"{where}: meshes of six-node triangles cannot be repaired")
             done = mend(xyz, corners, node_members, None if open_seams else tolerance.same)
             loose = loose.renumbered(done.new_number, len(done.points), where)
             xyz, corners, mended = done.points, done.triangles, done.told
             node_members = check.as_groups(done.node_groups, len(xyz), "node", where)
-        area_vector, table = _checked(xyz, corners, where, repair, None if open_seams else tolerance)
+        area_vector, table = _checked(xyz, corners, where, repair, None if open_seams else tolerance, middles)
         mesh = cls(
             check.frozen(xyz),
             check.frozen(corners),
-            _given_groups(len(xyz), table) | node_members,
+            _given_groups(len(xyz), table, middles, where) | node_members,
             _all(len(corners)) | check.as_groups(tri_groups or {}, len(corners), "element", where),
             None if tri_warp is None else check.frozen(check.as_warp(tri_warp, area_vector, where)),
             mended,
@@ -123,6 +132,7 @@ class Mesh:
             tuple(notes),
             tolerance.same,
             check.as_fields(tri_fields or {}, len(corners), where),
+            None if middles is None else check.frozen(middles),
         )
         mesh.__dict__["_edges"] = table  # already computed here
         return mesh
@@ -166,6 +176,32 @@ class Mesh:
         """Number of triangle elements."""
         return len(self.triangles)
 
+    @property
+    def order(self) -> int:
+        """1 with three-node triangles, 2 with six-node ones."""
+        return 1 if self.tri_middle is None else 2
+
+    @property
+    def cells(self) -> NDArray[np.int32]:
+        """(tri_count, 3 or 6) all nodes of each triangle: its corners, then those amid the sides opposite them."""
+        return self.triangles if self.tri_middle is None else self._cells
+
+    @cached_property
+    def _cells(self) -> NDArray[np.int32]:
+        assert self.tri_middle is not None
+        return check.frozen(np.concatenate([self.triangles, self.tri_middle], axis=1))
+
+    @cached_property
+    def edge_middles(self) -> NDArray[np.int32]:
+        """(edge_count,) the node amid each edge of :attr:`edge_table`, of six-node triangles."""
+        assert self.tri_middle is not None
+        return edge_middles(self.tri_middle, self._edges, "mesh")
+
+    @cached_property
+    def flat_triangles(self) -> NDArray[np.int32]:
+        """(n, 3) flat triangles between neighbouring nodes, for drawing: the elements, or four of each six-node one in turn."""
+        return self.triangles if self.tri_middle is None else quadratic.quarters(self.cells).astype(np.int32)
+
     @cached_property
     def _edges(self) -> EdgeTable:
         return edge_table(self.triangles, self.node_count)
@@ -176,8 +212,8 @@ class Mesh:
         return self._edges
 
     def edges(self) -> NDArray[np.int32]:
-        """Return the unique edges (edge_count, 2), lower node number first, sorted."""
-        return self._edges.nodes
+        """Return the unique edges (edge_count, 2), lower node number first, sorted; of six-node triangles both halves of each."""
+        return self._edges.nodes if self.tri_middle is None else pieces(self._edges, self.edge_middles)
 
     def boundary_edges(self) -> NDArray[np.int32]:
         """Return the edges of only one triangle (n, 2), directed as that triangle runs along them."""
@@ -196,11 +232,19 @@ class Mesh:
 
     def tri_areas(self) -> NDArray[np.float64]:
         """Return the element areas (tri_count,) [length²]."""
+        if self.tri_middle is not None:
+            return quadratic.areas(self.points, self.cells)
         return np.linalg.norm(check.area_vectors(self.points, self.triangles), axis=1)
 
+    def tri_area_vectors(self) -> NDArray[np.float64]:
+        """Return the directed areas (tri_count, 3): integrals of the normal over each element."""
+        if self.tri_middle is not None:
+            return quadratic.area_vectors(self.points, self.cells)
+        return check.area_vectors(self.points, self.triangles)
+
     def tri_normals(self) -> NDArray[np.float64]:
-        """Return the unit normals (tri_count, 3) on the positive side of the elements."""
-        vector = check.area_vectors(self.points, self.triangles)
+        """Return the unit normals (tri_count, 3) on the positive side of the elements; of six-node triangles the mean ones."""
+        vector = self.tri_area_vectors()
         return vector / np.linalg.norm(vector, axis=1, keepdims=True)
 
     def enclosed_volume(self) -> float:
@@ -210,11 +254,13 @@ class Mesh:
         """
         if not self.is_closed:
             raise InputError(f"an open surface encloses no volume: {len(self.boundary_edges())} edges are free")
+        if self.tri_middle is not None:
+            return float(quadratic.volumes(self.points - self.points.mean(axis=0), self.cells).sum())
         return float(check.part_volumes(self.points, self.triangles, np.zeros(self.node_count, dtype=np.int32))[0])
 
     def components(self) -> NDArray[np.int32]:
         """Return one label per node (node_count,), from 0: nodes joined by triangles share it."""
-        return node_parts(self._edges.nodes, self.node_count)[1]
+        return node_parts(self.edges(), self.node_count)[1]
 
 
 def _tolerance(
@@ -227,14 +273,24 @@ def _tolerance(
 
 
 def _checked(
-    points: NDArray[np.float64], triangles: NDArray[np.int32], where: str, repaired: bool, seams: Tolerance | None
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    where: str,
+    repaired: bool,
+    seams: Tolerance | None,
+    middles: NDArray[np.int32] | None,
 ) -> tuple[NDArray[np.float64], EdgeTable]:
     """Area vectors and edges of triangles that pass the checks of elements, edges, bodies and, with a tolerance, seams."""
     hint = "" if repaired else HINT
     area_vector = check.area_vectors(points, triangles)
     tri_area = np.linalg.norm(area_vector, axis=1)
-    check.check_elements(points, triangles, tri_area, where, hint)
+    check.check_elements(points, triangles, tri_area, where, hint, middles)
     table = edge_table(triangles, len(points))
+    if middles is not None:
+        edge_middles(middles, table, where)
+        cells = np.concatenate([triangles, middles], axis=1)
+        check_shape(points, cells, where)
+        area_vector = quadratic.area_vectors(points, cells)
     check.check_edges(triangles, table, where, hint)
     check.check_bodies(points, triangles, table, tri_area, where, hint)
     if seams is not None:
@@ -246,12 +302,16 @@ def _all(count: int) -> dict[str, NDArray[np.int32]]:
     return {"all": check.frozen(np.arange(count, dtype=np.int32))}
 
 
-def _given_groups(node_count: int, table: EdgeTable) -> dict[str, NDArray[np.int32]]:
+def _given_groups(
+    node_count: int, table: EdgeTable, middles: NDArray[np.int32] | None, where: str
+) -> dict[str, NDArray[np.int32]]:
     """The groups of nodes that every mesh has."""
-    nodes = _all(node_count)
-    boundary = table.nodes[table.tri_count == 1]
+    nodes, free = _all(node_count), table.tri_count == 1
+    boundary = table.nodes[free].ravel()
+    if middles is not None:
+        boundary = np.concatenate([boundary, edge_middles(middles, table, where)[free]])
     if boundary.size:
-        nodes["boundary"] = check.frozen(sorted_unique(boundary.ravel()))
+        nodes["boundary"] = check.frozen(sorted_unique(boundary))
     return nodes
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from taichi_membrane.mesh import check
+from taichi_membrane.mesh import check, quadratic
 from taichi_membrane.mesh.crossing import crossings
 from taichi_membrane.mesh.surface import Mesh
 
@@ -85,6 +85,9 @@ def _bodies(mesh: Mesh) -> tuple[Body, ...]:
     nodes, triangles = np.bincount(label, minlength=count), np.bincount(of_tri, minlength=count)
     area = np.bincount(of_tri, weights=mesh.tri_areas(), minlength=count)
     volume = check.part_volumes(mesh.points, mesh.triangles, label)
+    if mesh.order == 2:
+        cones = quadratic.volumes(mesh.points - mesh.points.mean(axis=0), mesh.cells)
+        volume = np.bincount(of_tri, weights=cones, minlength=count).astype(np.float64, copy=False)
     is_open = np.zeros(count, dtype=bool)
     is_open[label[mesh.boundary_edges()]] = True
     is_open[label[mesh.junction_edges()]] = True  # a body with inner walls has several volumes

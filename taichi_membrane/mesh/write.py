@@ -33,6 +33,8 @@ def write(mesh: Mesh, path: Path) -> None:
         raise InputError(
             f"{path}: the file extension '{path.suffix}' is not one that is written; allowed: {', '.join(writers)}"
         )
+    if mesh.order == 2:
+        raise InputError(f"{path}: meshes of six-node triangles cannot be written")
     content = writers[path.suffix.lower()](mesh, path)
     partial = path.with_name(f"{path.name}.partial")
     try:

@@ -94,7 +94,7 @@ def read_run(directory: Path) -> SavedRun:
             scene=scene,
             mesh=mesh,
             given=given,
-            steps=tuple(_step(directory, mesh, cable_count, held, record) for record in records),
+            steps=tuple(_step(directory, mesh, cable_count, scene.samples, held, record) for record in records),
             settings=_settings(**summary["settings"]),
             own_probes=tuple(map(str, summary["own_probes"])),
             provenance=dict(summary["provenance"]),
@@ -194,11 +194,13 @@ def _scene(directory: Path, summary: dict[str, Any]) -> Scene:
 def _mesh(scene: Scene, path: Path, checksum: str) -> Mesh:
     content = _read_vtu(path, checksum)
     cells = {name: blocks[0] for name, blocks in content.cell_data.items()}
-    triangles = content.cells_dict.get("triangle")
-    if triangles is None:
-        raise InputError(f"{path}: damaged: no triangles")
+    kind = "triangle" if scene.order == 1 else "triangle6"
+    found = content.cells_dict.get(kind)
+    if found is None:
+        raise InputError(f"{path}: damaged: no {kind} cells")
+    triangles = found[:, :3]
     warp = cells.get("warp")
-    count = int(triangles.max()) + 1  # nodes that only cables use come after those of triangles
+    count = int(found.max()) + 1  # nodes that only cables use come after those of triangles
     groups = _groups(content.point_data)
     mesh = Mesh.build(
         content.points[:count],
@@ -208,6 +210,7 @@ def _mesh(scene: Scene, path: Path, checksum: str) -> Mesh:
         warp,
         where=str(path),
         open_seams=True,  # the scene said what becomes of them when the run began
+        tri_middle=None if scene.order == 1 else found[:, [4, 5, 3]],
         tri_fields={unquote(name.removeprefix(DATA)): held for name, held in cells.items() if name.startswith(DATA)},
     )
     if count < len(content.points):
@@ -249,7 +252,7 @@ def _groups(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def _step(
-    directory: Path, mesh: Mesh, cable_count: int, held: list[tables.Field], record: dict[str, Any]
+    directory: Path, mesh: Mesh, cable_count: int, samples: int, held: list[tables.Field], record: dict[str, Any]
 ) -> StepResult:
     name = str(record["file"])
     # The name comes from a file that anybody may have edited: it must not lead out of the folder.
@@ -269,7 +272,7 @@ def _step(
     fields: dict[str, NDArray[Any]] = {}
     for field in held:
         arrays = {"node": points, "element": cells, "cable": lines}[field.place]
-        shape = field.shape(mesh.node_count, mesh.tri_count, cable_count)
+        shape = field.shape(mesh.node_count, mesh.tri_count, cable_count, samples)
         parts = [_array(path, arrays, one, shape[:1] if field.split else shape) for one in field.arrays]
         fields[field.name] = (np.stack(parts, axis=1) if field.split else parts[0]).astype(field.dtype)
     return StepResult(

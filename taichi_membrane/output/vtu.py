@@ -1,4 +1,4 @@
-"""The vtu files of a run: triangles and, where there are cables, their straight pieces as lines."""
+"""The vtu files of a run: triangles, of six nodes as quadratic ones, and where there are cables, their straight pieces as lines."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.reader import file_checksum
+
+# Nodes of a quadratic triangle as VTK has them: amid the sides from corner 0 to 1, 1 to 2, 2 to 0.
+_VTK_ORDER = [0, 1, 2, 5, 3, 4]
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -25,6 +28,8 @@ def write_vtu(
     import meshio  # here, not above: it takes a quarter of a second that other commands do not need
 
     blocks: list[tuple[str, NDArray[Any]]] = [("triangle", mesh.triangles)]
+    if mesh.order == 2:
+        blocks = [("triangle6", mesh.cells[:, _VTK_ORDER])]
     cells = {name: [array] for name, array in tri_data.items()}
     if len(lines):
         blocks.append(("line", lines))

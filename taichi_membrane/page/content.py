@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.output.curve import curve_steps, quantity_label, quantity_names
@@ -34,6 +35,8 @@ _VIEWS = {
 def head_and_block(result: RunResult) -> tuple[dict[str, Any], str]:
     """The head, ready for JSON, and the block as base64; the head's entries say where each array lies in the block."""
     scene, mesh, steps = result.scene, result.mesh, result.steps
+    if mesh.order == 2:
+        raise InputError("report: pages of runs with six-node triangles (mesh.order = 2) are not implemented")
     pack = Pack()
     centre, radius = geometry.bounding_sphere(mesh, steps)
     ranges = {field.name: finite_range([field.read(step) for step in steps]) for field in shown(scene)}

@@ -11,6 +11,7 @@ from taichi_membrane import fields
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.output.curve import curve_steps, quantity_label
 from taichi_membrane.output.tables import step_words
+from taichi_membrane.pictures import quarters
 from taichi_membrane.pictures.camera import Camera as ViewCamera
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
@@ -107,15 +108,25 @@ def _frame(result: RunResult, step: StepResult, camera: Camera, box: tuple[Float
     scene, mesh = result.scene, result.mesh
     held = [mesh.node_groups[name] for name in (*(support.group for support in scene.supports), *scene.anchors)]
     points = mesh.points + step.displacement
+    elements, scalar = step.elements, _scalar(step, camera)
+    state, taut, slack, direction = (
+        elements.state, elements.taut_margin, elements.slack_margin, elements.major_direction
+    )  # fmt: skip
+    if mesh.order == 2:
+        state = quarters.states_by_quarter(elements.point_state)
+        taut, slack = quarters.by_quarter(elements.point_taut_margin), quarters.by_quarter(elements.point_slack_margin)
+        direction = quarters.spread(direction)
+        if scalar is not None and fields.named(camera.field).place == "element":
+            scalar = quarters.spread(scalar)
     return Frame(
         points=points,
         reference=mesh.points,
-        triangles=mesh.triangles,
-        state=step.elements.state,
-        taut_margin=step.elements.taut_margin,
-        slack_margin=step.elements.slack_margin,
-        wrinkle_direction=step.elements.major_direction,
-        scalar=_scalar(step, camera),
+        triangles=mesh.flat_triangles,
+        state=state,
+        taut_margin=taut,
+        slack_margin=slack,
+        wrinkle_direction=direction,
+        scalar=scalar,
         scalar_label=fields.named(camera.field).label(scene.units),
         cables=np.asarray(line_elements(scene, mesh)[0], dtype=np.int32),
         cable_force=step.cable_forces,

@@ -19,6 +19,36 @@ from taichi_membrane.scene.built import (
     WaterTubeShape,
 )
 
+# What kind of triangles a mesh is made of, and where six-node ones sample strain.
+Order = Literal[1, 2]
+Points = Literal[3, 6]
+
+
+class TubeGrade(Record):
+    """Lengths of the bands of elements beside some rings of a tube, on both sides; they grow from there to those of even bands.
+
+    A boundary layer beside a ring that is held, loaded or joins a cap reaches over l = r √(N/(E t)), N = p r/2; l/2 resolves it.
+    Rings lie in line then: ``pattern`` must be ``alternating``, which suits six-node triangles, or ``diagonal``.
+    """
+
+    start: Positive | None = None
+    """Length of the bands beside the ring ``start`` [length]; even without it."""
+    middle: Positive | None = None
+    """Length of the bands beside the ring ``middle`` [length]; even without it."""
+    end: Positive | None = None
+    """Length of the bands beside the ring ``end`` [length]; even without it."""
+
+
+class ArchGrade(Record):
+    """Lengths of the bands of elements beside some rings of an arch, along the arc; as those of a tube."""
+
+    start: Positive | None = None
+    """Length of the bands beside the ring ``start`` [length]; even without it."""
+    crown: Positive | None = None
+    """Length of the bands beside the ring ``crown`` [length]; even without it."""
+    end: Positive | None = None
+    """Length of the bands beside the ring ``end`` [length]; even without it."""
+
 
 class TubeShape(Record):
     """A straight tube along +x from 0 to ``length``, with or without caps."""
@@ -37,8 +67,14 @@ class TubeShape(Record):
     """Cap at x = 0; flat and hemisphere caps close the tube."""
     cap_end: Literal["none", "flat", "hemisphere"] = "hemisphere"
     """Cap at the other end."""
-    pattern: Literal["staggered", "diagonal"] = "staggered"
-    """How triangles lie: staggered rings, or squares cut by a diagonal."""
+    pattern: Literal["staggered", "diagonal", "alternating"] = "staggered"
+    """How triangles lie: staggered rings, or squares cut by a diagonal; by ``alternating`` ones only with ``order = 2``."""
+    grade: Literal["auto"] | TubeGrade | None = None
+    """Shorter bands beside some rings: by their lengths, or ``auto``, l/2 beside all that are held, loaded or join a cap."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class ArchShape(Record):
@@ -56,8 +92,14 @@ class ArchShape(Record):
     """Rings of elements along the arc."""
     angle: Annotated[float, Field(gt=0, lt=360)] = 180.0
     """Angle of the arc [degrees]."""
-    pattern: Literal["staggered", "diagonal"] = "staggered"
-    """How triangles lie: staggered rings, or squares cut by a diagonal."""
+    pattern: Literal["staggered", "diagonal", "alternating"] = "staggered"
+    """How triangles lie: staggered rings, or squares cut by a diagonal; by ``alternating`` ones only with ``order = 2``."""
+    grade: Literal["auto"] | ArchGrade | None = None
+    """Shorter bands beside some rings: by their lengths, or ``auto``, l/2 beside all that are held or loaded."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class CushionShape(Record):
@@ -75,6 +117,10 @@ class CushionShape(Record):
     """Squares along y."""
     pattern: Literal["diagonal", "alternating", "crossed"] = "alternating"
     """How squares are cut in triangles."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class PanelShape(Record):
@@ -92,6 +138,10 @@ class PanelShape(Record):
     """Squares along y."""
     pattern: Literal["diagonal", "alternating", "crossed"] = "diagonal"
     """How squares are cut in triangles."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class SphereShape(Record):
@@ -103,6 +153,10 @@ class SphereShape(Record):
     """Radius [length]."""
     divisions: Annotated[int, Field(ge=1, le=3000)]
     """Parts of each edge of the octahedron."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class DiscShape(Record):
@@ -116,6 +170,10 @@ class DiscShape(Record):
     """Rings of elements."""
     sectors: Annotated[int, Field(ge=3, le=64)] = 6
     """Triangles at the centre."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class AnnulusShape(Record):
@@ -131,6 +189,10 @@ class AnnulusShape(Record):
     """Elements around."""
     rings: Count
     """Rings of elements."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class WedgeShape(Record):
@@ -146,6 +208,10 @@ class WedgeShape(Record):
     """Rings of elements."""
     around: Count = 1
     """Triangles at the apex."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class GivenMesh(Record):
@@ -153,6 +219,10 @@ class GivenMesh(Record):
 
     shape: Literal["given"]
     """A mesh object, ``tm.run(scene, mesh=...)``."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 class MeshFile(Record):
@@ -172,6 +242,10 @@ class MeshFile(Record):
     """Keep free edges that lie on each other apart, as slits."""
     join: Positive | None = None
     """Distance at which ``--repair`` joins free edges [length]; by the digits of the file without it."""
+    order: Order = 1
+    """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
+    points: Points = 3
+    """Points at which a six-node triangle samples strain."""
 
 
 MeshSource = Annotated[

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from taichi_membrane import fields
-from taichi_membrane.scene import drivers, forming, valves
+from taichi_membrane.scene import drivers, forming, order, valves
 from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record, Vector
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.element_field import ElementField
@@ -186,6 +186,7 @@ class Scene(Record):
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
         forming.check(self)
+        order.check(self)
         valves.check(self)
         for stage in self.stages:
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
@@ -243,6 +244,16 @@ class Scene(Record):
         return self
 
     @property
+    def order(self) -> int:
+        """1 where the mesh has three-node triangles, 2 where six-node ones."""
+        return getattr(self.mesh, "order", 1)
+
+    @property
+    def samples(self) -> int:
+        """Points of each triangle at which strain is sampled."""
+        return getattr(self.mesh, "points", 1) if self.order == 2 else 1
+
+    @property
     def extra_fields(self) -> tuple[str, ...]:
         """Names of the optional fields that its runs have: what differs by element, stress-free strain, contact."""
         fabrics = [*self.fabrics.values(), *([] if self.fabric is None else [self.fabric])]
@@ -252,6 +263,7 @@ class Scene(Record):
             "free_strain": bool(self.shrinkages or self.temperatures),
             "contact_force": bool(self.touchable),
             "contact_pressure": bool(self.touchable),
+            **dict.fromkeys(fields.AT_POINTS, self.order == 2),
         }
         return tuple(name for name, there in has.items() if there)
 

@@ -8,12 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.mesh import Mesh
+from taichi_membrane.mesh.middles import straight
 from taichi_membrane.shapes.arguments import check_count, check_length, check_name, check_size
+from taichi_membrane.shapes.true_surface import of_order
 
 GridPattern = Literal["diagonal", "alternating", "crossed"]
 
 
-def panel(*, width: float, height: float, along_x: int, along_y: int, pattern: GridPattern = "diagonal") -> Mesh:
+def panel(
+    *, width: float, height: float, along_x: int, along_y: int, pattern: GridPattern = "diagonal", order: int = 1
+) -> Mesh:
     """Flat rectangle in z = 0 from the origin to (``width``, ``height``), normals along +z.
 
     :param along_x: cells along x, at least 1; ``along_y`` the same along y.
@@ -41,10 +45,13 @@ def panel(*, width: float, height: float, along_x: int, along_y: int, pattern: G
     if centre is not None:
         groups["centre"] = np.array([centre])
     warp = np.tile([1.0, 0.0, 0.0], (len(triangles), 1))
-    return Mesh.build(points, triangles, groups, None, warp, where="panel")
+    mesh = Mesh.build(points, triangles, groups, None, warp, where="panel")
+    return of_order(mesh, order, straight, "panel")
 
 
-def cushion(*, width: float, height: float, along_x: int, along_y: int, pattern: GridPattern = "alternating") -> Mesh:
+def cushion(
+    *, width: float, height: float, along_x: int, along_y: int, pattern: GridPattern = "alternating", order: int = 1
+) -> Mesh:
     """Two flat rectangular sheets in z = 0, centred on the origin and seamed along their rim: a closed, empty body.
 
     In the corner cells the diagonal runs into the corner, whatever the pattern: otherwise one triangle of each sheet
@@ -73,7 +80,8 @@ def cushion(*, width: float, height: float, along_x: int, along_y: int, pattern:
         groups["centre_bottom"] = lower_number[[centre]]
     tri_groups = {"top": np.arange(len(top)), "bottom": len(top) + np.arange(len(top))}
     warp = np.tile([1.0, 0.0, 0.0], (len(triangles), 1))
-    return Mesh.build(np.concatenate((sheet, sheet[inner])), triangles, groups, tri_groups, warp, where="cushion")
+    mesh = Mesh.build(np.concatenate((sheet, sheet[inner])), triangles, groups, tri_groups, warp, where="cushion")
+    return of_order(mesh, order, straight, "cushion")
 
 
 def _check_grid(where: str, width: float, height: float, nx: int, ny: int, lowest: int, pattern: str) -> None:

@@ -70,7 +70,7 @@ def wall_triangles(*, around: int, along: int, pattern: str, first_phase: int) -
     """Triangulate ``along`` bands between rings of ``around`` nodes each, band after band.
 
     ``staggered`` turns every ring half a pitch against the one before, beginning with ``first_phase``; ``diagonal``
-    keeps straight generators and one diagonal direction.
+    keeps straight generators and one diagonal direction, ``alternating`` turns that from one square to the next.
     """
     j = np.arange(around)
     if pattern == "staggered":
@@ -80,5 +80,13 @@ def wall_triangles(*, around: int, along: int, pattern: str, first_phase: int) -
         below = np.column_stack((j, right, around + right))
         above = np.column_stack((j, around + right, around + j))
         templates = [np.concatenate((below, above))] * 2
+        if pattern == "alternating":
+            below_2 = np.column_stack((j, right, around + j))
+            above_2 = np.column_stack((right, around + right, around + j))
+            odd = (j % 2 == 1)[:, None]
+            templates = [
+                np.concatenate((np.where(turned, below_2, below), np.where(turned, above_2, above)))
+                for turned in (odd, ~odd)
+            ]
     band = np.arange(along)
     return np.stack(templates)[band % 2].reshape(-1, 3) + np.repeat(band * around, 2 * around)[:, None]

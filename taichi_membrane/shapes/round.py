@@ -8,6 +8,7 @@ Every function takes keyword arguments only, lengths in the user's unit, and ret
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Literal, get_args
 
 import numpy as np
@@ -16,10 +17,12 @@ from numpy.typing import NDArray
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.shapes.arguments import check_count, check_length, check_name, check_size
+from taichi_membrane.shapes.grading import positions, ring_places
 from taichi_membrane.shapes.rings import Ring, ring_directions, wall_triangles, zip_stack
+from taichi_membrane.shapes.true_surface import of_order, on_rings, on_sphere, on_torus, on_tube
 
 Cap = Literal["none", "flat", "hemisphere"]
-WallPattern = Literal["staggered", "diagonal"]
+WallPattern = Literal["staggered", "diagonal", "alternating"]
 
 # Height over side of an equilateral triangle: the distance of rings that suits a given side.
 _EVEN = math.sqrt(3.0) / 2.0
@@ -34,6 +37,8 @@ def tube(
     cap_start: Cap = "none",
     cap_end: Cap = "hemisphere",
     pattern: WallPattern = "staggered",
+    order: int = 1,
+    grade: Mapping[str, float] | None = None,
 ) -> Mesh:
     """Straight tube along +x, its wall from x = 0 to ``length``; a hemisphere reaches ``radius`` beyond its end.
 
@@ -42,27 +47,35 @@ def tube(
     :param radius: radius of the nodes of the wall [length].
     :param around: nodes on a ring, at least 3; even keeps the symmetry about z = 0 too.
     :param along: bands of elements along the wall, at least 1.
-    :param pattern: ``staggered`` turns each ring half a pitch; ``diagonal`` has straight generators.
-    :return: node groups ``start``, ``end``, ``middle`` (even ``along``), ``cap_start``, ``cap_end`` (with their rims),
+    :param pattern: ``staggered`` turns each ring half a pitch; ``diagonal`` has straight generators, ``alternating`` (order 2,
+        even ``around``) too, with diagonals that turn from one square to the next.
+    :param order: 1 for three-node triangles, 2 for six-node ones with the nodes amid their sides on the round surface.
+    :param grade: lengths of the bands beside the rings ``start``, ``middle`` and ``end``, on caps too; from there they grow until
+        they are as long as ``along`` even ones (:mod:`.grading`).
+    :return: node groups ``start``, ``end``, ``middle`` (where a ring lies there, as with even ``along``), ``cap_start``,
+        ``cap_end`` (with their rims),
         ``tip`` (pole of the end cap); element groups ``wall``, ``cap_start``, ``cap_end``. Warp runs along the axis,
         on caps from the rim to the pole.
     """
     radius = check_length("tube", "radius", radius)
     length = check_length("tube", "length", length)
-    _check_wall("tube", around, along, 1, pattern)
+    _check_wall("tube", around, along, 1, pattern, order)
     check_name("tube", "cap_start", cap_start, get_args(Cap))
     check_name("tube", "cap_end", cap_end, get_args(Cap))
 
+    places = ring_places("tube", length, along, grade, ("start", "middle", "end"), pattern)
+    along = len(places) - 1
+    check_size("tube", 2 * around * (along + around))
     phases = _wall_phases(along, pattern, first=0)
     cosine, sine = _wall_directions(around, phases)
-    x = np.repeat(length * np.arange(along + 1) / along, around)
+    x = np.repeat(places, around)
     points = np.column_stack((x, -radius * sine, radius * cosine))
     triangles = wall_triangles(around=around, along=along, pattern=pattern, first_phase=0)
     warp = np.tile([1.0, 0.0, 0.0], (len(triangles), 1))
     start = np.arange(around)
     end = start + around * along
     node_groups = {"start": start, "end": end}
-    if along % 2 == 0:
+    if along % 2 == 0 and abs(places[along // 2] - 0.5 * length) <= 1e-9 * length:
         node_groups["middle"] = start + around * along // 2
     tri_groups = {"wall": np.arange(len(triangles))}
     for name, kind, rim, phase, outwards in (
@@ -71,7 +84,8 @@ def tube(
     ):
         if kind == "none":
             continue
-        cap_points, cap = cap_of(kind, radius, Ring(around, int(phase)), outwards)
+        first = (grade or {}).get(name.removeprefix("cap_"))
+        cap_points, cap = cap_of(kind, radius, Ring(around, int(phase)), outwards, first=first)
         cap_points[:, 0] += points[rim[0], 0]
         node_groups[name] = np.concatenate((rim, len(points) + np.arange(len(cap_points))))
         tri_groups[name] = len(triangles) + np.arange(len(cap))
@@ -81,13 +95,21 @@ def tube(
         warp = np.concatenate((warp, to_pole))
     if cap_end != "none":
         node_groups["tip"] = node_groups["cap_end"][-1:]
-    return Mesh.build(points, triangles, node_groups, tri_groups, warp, where="tube")
+    mesh = Mesh.build(points, triangles, node_groups, tri_groups, warp, where="tube")
+    return of_order(mesh, order, on_tube(radius, length, (cap_start, cap_end)), "tube")
 
 
-def _check_wall(where: str, around: int, along: int, lowest_along: int, pattern: str) -> None:
+def _check_wall(where: str, around: int, along: int, lowest_along: int, pattern: str, order: int) -> None:
     check_count(where, "around", around, 3)
     check_count(where, "along", along, lowest_along)
     check_name(where, "pattern", pattern, get_args(WallPattern))
+    if pattern == "alternating":
+        if order == 1:
+            raise InputError(
+                f"{where}: pattern = 'alternating' is for order = 2; flat triangles on it are wrong by up to 65 % once they wrinkle"
+            )
+        if around % 2:
+            raise InputError(f"{where}: pattern = 'alternating' needs an even number of elements around, not {around}")
     check_size(where, 2 * around * (along + around))  # a cap has fewer elements than around²
 
 
@@ -102,24 +124,30 @@ def _wall_directions(around: int, phases: NDArray[np.int64]) -> tuple[NDArray[np
     return directions[:, 0].ravel(), directions[:, 1].ravel()
 
 
-def cap_of(kind: str, radius: float, rim: Ring, outwards: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def cap_of(
+    kind: str, radius: float, rim: Ring, outwards: int, *, first: float | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Close a rim in the plane x = 0 towards +x or -x: the points beyond the rim, pole last, and the triangles.
 
     The triangles number the rim first. Rings follow it at the distance that suits its side length, and each has as
     many nodes as keep that side.
+
+    :param first: length of the band beside the rim, from which they grow, in rings that are not turned; None where bands are even.
     """
     meridian = radius * (math.pi / 2.0 if kind == "hemisphere" else 1.0)
     steps = max(1, round(meridian / (_EVEN * 2.0 * math.pi * radius / rim.count)))
+    shares = np.arange(steps + 1) / steps
+    if first is not None and first < meridian / steps:
+        shares = positions(meridian, meridian / steps, first, None) / meridian
     multiple = 2 - rim.count % 2  # an even rim is followed by even rings: two planes of symmetry
     rings, points = [rim], []
-    for step in range(1, steps):
-        share = step / steps
+    for step, share in enumerate(shares[1:-1], 1):
         if kind == "hemisphere":
             ring_radius, x = math.cos(share * math.pi / 2.0), math.sin(share * math.pi / 2.0)
         else:
             ring_radius, x = 1.0 - share, 0.0
         count = max(multiple * round(rim.count * ring_radius / multiple), 3 if multiple == 1 else 4)
-        rings.append(Ring(count, (rim.phase + step) % 2))
+        rings.append(Ring(count, (rim.phase + (step if first is None else 0)) % 2))
         cosine, sine = ring_directions(rings[-1])
         points.append(np.column_stack((np.full(count, outwards * x), -ring_radius * sine, ring_radius * cosine)))
     rings.append(Ring(1))
@@ -136,6 +164,8 @@ def arch(
     along: int,
     angle: float = 180.0,
     pattern: WallPattern = "staggered",
+    order: int = 1,
+    grade: Mapping[str, float] | None = None,
 ) -> Mesh:
     """Open tube bent to a circular arc in the xz plane: feet centred at x = ±``span``/2, z = 0, crown at the top.
 
@@ -144,12 +174,13 @@ def arch(
     :param around: nodes on a ring, at least 3.
     :param along: bands of elements from foot to foot, at least 2.
     :param angle: angle of the arc [degrees], above 0 and below 360; 180 stands upright on its feet.
-    :return: node groups ``start`` (foot at -x), ``end``, and for even ``along`` ``crown`` (the middle ring) and
+    :param order, grade: as of :func:`tube`; lengths along the arc of the bands beside ``start``, ``crown`` and ``end``.
+    :return: node groups ``start`` (foot at -x), ``end``, and where a ring lies there, as with even ``along``, ``crown`` (it) and
         ``crown_top`` (its highest node); element group ``wall``. Warp runs along the tube.
     """
     span = check_length("arch", "span", span)
     radius = check_length("arch", "radius", radius)
-    _check_wall("arch", around, along, 2, pattern)
+    _check_wall("arch", around, along, 2, pattern, order)
     angle = check_length("arch", "angle", angle)
     if angle >= 360.0:
         raise InputError(f"arch: angle = {angle:g} must be below 360 degrees")
@@ -158,10 +189,19 @@ def arch(
     if radius >= arc_radius:
         raise InputError(f"arch: radius = {radius:g} must be below the radius of the arc, {arc_radius:g}")
 
+    # Counted from the crown, so that the two halves are mirror images to the last bit.
+    if grade:
+        places = ring_places("arch", 2.0 * half * arc_radius, along, grade, ("start", "crown", "end"), pattern)
+        along = len(places) - 1
+        check_size("arch", 2 * around * along)
+        turns = places / arc_radius - half
+        if grade.get("start") == grade.get("end"):
+            turns = 0.5 * (turns - turns[::-1])
+    else:
+        turns = half * (2 * np.arange(along + 1) - along) / along
     first_phase = (along // 2) % 2  # so that the middle ring has a node on the outer side
     cosine, sine = _wall_directions(around, _wall_phases(along, pattern, first=first_phase))
-    # Counted from the crown, so that the two halves are mirror images to the last bit.
-    turn = np.repeat(half * (2 * np.arange(along + 1) - along) / along, around)
+    turn = np.repeat(turns, around)
     from_centre = arc_radius + radius * cosine
     height = arc_radius * math.cos(half)
     points = np.column_stack((from_centre * np.sin(turn), -radius * sine, from_centre * np.cos(turn) - height))
@@ -169,13 +209,14 @@ def arch(
     centroid = points[triangles].mean(axis=1)
     warp = np.column_stack((centroid[:, 2] + height, np.zeros(len(centroid)), -centroid[:, 0]))
     node_groups = {"start": np.arange(around), "end": around * along + np.arange(around)}
-    if along % 2 == 0:
+    if along % 2 == 0 and abs(turns[along // 2]) <= 1e-9 * half:
         node_groups["crown"] = around * along // 2 + np.arange(around)
         node_groups["crown_top"] = node_groups["crown"][:1]
-    return Mesh.build(points, triangles, node_groups, {"wall": np.arange(len(triangles))}, warp, where="arch")
+    mesh = Mesh.build(points, triangles, node_groups, {"wall": np.arange(len(triangles))}, warp, where="arch")
+    return of_order(mesh, order, on_torus(arc_radius, radius, height), "arch")
 
 
-def sphere(*, radius: float, divisions: int) -> Mesh:
+def sphere(*, radius: float, divisions: int, order: int = 1) -> Mesh:
     """Sphere from an octahedron, each face cut into ``divisions``² triangles; the three axes meet it in nodes.
 
     :param divisions: elements along a quarter of a great circle, at least 1.
@@ -197,7 +238,8 @@ def sphere(*, radius: float, divisions: int) -> Mesh:
     for quarter, name in enumerate(("x_plus", "y_plus", "x_minus", "y_minus")):
         node_groups[name] = equator[quarter * n : quarter * n + 1]
     warp = np.tile([0.0, 0.0, 1.0], (len(triangles), 1))
-    return Mesh.build(points, triangles, node_groups, None, warp, where="sphere")
+    mesh = Mesh.build(points, triangles, node_groups, None, warp, where="sphere")
+    return of_order(mesh, order, on_sphere(radius), "sphere")
 
 
 def _octahedron_row(row: int, divisions: int) -> NDArray[np.float64]:
@@ -215,7 +257,7 @@ def _octahedron_row(row: int, divisions: int) -> NDArray[np.float64]:
     return np.concatenate([np.column_stack(quarter) for quarter in (quarters if row else quarters[:1])])
 
 
-def disc(*, radius: float, rings: int, sectors: int = 6) -> Mesh:
+def disc(*, radius: float, rings: int, sectors: int = 6, order: int = 1) -> Mesh:
     """Flat disc in z = 0 about the origin; ring k has ``sectors`` * k nodes at k / ``rings`` of the radius.
 
     :param rings: bands of elements from the centre to the rim, at least 1.
@@ -237,4 +279,5 @@ def disc(*, radius: float, rings: int, sectors: int = 6) -> Mesh:
     triangles = zip_stack([*inwards, Ring(1)])
     node_groups = {"rim": np.arange(sectors * rings), "centre": np.array([len(xyz) - 1])}
     warp = np.tile([1.0, 0.0, 0.0], (len(triangles), 1))
-    return Mesh.build(xyz, triangles, node_groups, None, warp, where="disc")
+    mesh = Mesh.build(xyz, triangles, node_groups, None, warp, where="disc")
+    return of_order(mesh, order, on_rings(radius), "disc")

@@ -8,9 +8,10 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.shapes.arguments import check_count, check_length, check_size
 from taichi_membrane.shapes.rings import wall_triangles
+from taichi_membrane.shapes.true_surface import of_order, on_rings
 
 
-def annulus(*, inner: float, outer: float, around: int, rings: int) -> Mesh:
+def annulus(*, inner: float, outer: float, around: int, rings: int, order: int = 1) -> Mesh:
     """Flat ring in z = 0 about the origin, normals along +z.
 
     Circles of ``around`` nodes, each turned by half a pitch against the one before, at radii in geometric progression: the
@@ -30,10 +31,11 @@ def annulus(*, inner: float, outer: float, around: int, rings: int) -> Mesh:
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)], axis=2).reshape(-1, 3)
     triangles = _upwards(points, wall_triangles(around=around, along=rings, pattern="staggered", first_phase=0))
     groups = {"inner": np.arange(around), "outer": np.arange(around) + rings * around}
-    return Mesh.build(points, triangles, groups, None, np.tile([1.0, 0.0, 0.0], (len(triangles), 1)), where="annulus")
+    mesh = Mesh.build(points, triangles, groups, None, np.tile([1.0, 0.0, 0.0], (len(triangles), 1)), where="annulus")
+    return of_order(mesh, order, on_rings(inner, outer), "annulus")
 
 
-def wedge(*, radius: float, angle: float, rings: int, around: int = 1) -> Mesh:
+def wedge(*, radius: float, angle: float, rings: int, around: int = 1, order: int = 1) -> Mesh:
     """Sector of a flat disc in z = 0: apex at the origin, from the x axis counter-clockwise over ``angle`` degrees.
 
     :param rings: bands of elements from the apex to the rim; ``around`` elements across each.
@@ -63,7 +65,8 @@ def wedge(*, radius: float, angle: float, rings: int, around: int = 1) -> Mesh:
         "side_start": np.append(0, number[:, 0]),
         "side_end": np.append(0, number[:, -1]),
     }
-    return Mesh.build(points, triangles, groups, None, np.tile([1.0, 0.0, 0.0], (len(triangles), 1)), where="wedge")
+    mesh = Mesh.build(points, triangles, groups, None, np.tile([1.0, 0.0, 0.0], (len(triangles), 1)), where="wedge")
+    return of_order(mesh, order, on_rings(radius), "wedge")
 
 
 def _upwards(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Floats, Ints
-from taichi_membrane.mesh import Mesh
+from taichi_membrane.mesh import Mesh, quadratic
 from taichi_membrane.mesh.check import FLAT_BODY
 from taichi_membrane.mesh.topology import EdgeTable, edge_table, node_parts
 from taichi_membrane.scene import Pressure, Scene, Stage
@@ -50,12 +50,17 @@ class Chamber:
     @property
     def area(self) -> float:
         """Area of its triangles at rest."""
+        if self.mesh.order == 2:
+            return float(quadratic.areas(self.mesh.points, self.mesh.cells[self.triangles]).sum())
         corners = self.mesh.points[self.mesh.triangles[self.triangles]]
         sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         return float(0.5 * np.linalg.norm(sides, axis=1).sum())
 
     def volume(self, points: Floats) -> float:
         """Volume enclosed with the nodes at ``points``; the cone to their middle for a chamber with holes."""
+        if self.mesh.order == 2:
+            cones = quadratic.volumes(points - self.mesh.points.mean(axis=0), self.mesh.cells[self.triangles])
+            return float(self.sign @ cones)
         corners = points[self.mesh.triangles[self.triangles]] - self.mesh.points.mean(axis=0)
         return float((self.sign * np.linalg.det(corners)).sum() / 6.0)
 

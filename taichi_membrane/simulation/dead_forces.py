@@ -11,6 +11,7 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mesh import Mesh
+from taichi_membrane.mesh.quadratic import node_shares, side_shares
 from taichi_membrane.scene import BodyLoad, Load, Pressure, Scene, WeightLoad
 from taichi_membrane.scene.drivers import kind_named
 from taichi_membrane.scene.loads import AnyLoad
@@ -18,6 +19,7 @@ from taichi_membrane.simulation.bodies import body_forces
 from taichi_membrane.simulation.chambers import pressure_used
 from taichi_membrane.simulation.groups import group_nodes, group_triangles, pressed_triangles
 from taichi_membrane.simulation.masses import nodal_mass
+from taichi_membrane.simulation.present import node_area
 
 
 def unit_forces_of(scene: Scene, mesh: Mesh) -> dict[str, Floats]:
@@ -46,7 +48,7 @@ def _unit_load(scene: Scene, mesh: Mesh, name: str, load: AnyLoad) -> Floats | N
     """(n, 3) nodal forces of a load at factor 1; None of those on the surface, which follow it (:mod:`surface_loads`)."""
     if isinstance(load, WeightLoad):
         down = np.array(load.direction) / np.linalg.norm(load.direction)
-        return nodal_mass(scene, mesh)[:, None] * (load.g * down)
+        return nodal_mass(scene, mesh, lumped=False)[:, None] * (load.g * down)
     if isinstance(load, BodyLoad):
         return body_forces(scene, mesh, name, load)
     return _dead_load(mesh, name, load) if isinstance(load, Load) else None
@@ -68,22 +70,37 @@ def _dead_load(mesh: Mesh, name: str, load: Load) -> Floats:
     elif load.spread == "edges":
         share = _tributary_length(mesh, nodes, key)
     else:
-        share = _tributary_area(mesh, np.arange(mesh.tri_count))
+        share = (
+            node_area(mesh, np.zeros_like(mesh.points))
+            if mesh.order == 2
+            else _tributary_area(mesh, np.arange(mesh.tri_count))
+        )
         share[np.setdiff1d(np.arange(mesh.node_count), nodes)] = 0.0
     return force + (share / share.sum())[:, None] * direction
 
 
 def _tributary_area(mesh: Mesh, elements: Ints) -> Floats:
-    """(n,) a third of the area of each of the elements around a node."""
+    """(n,) a third of the area of each of the elements around a node; of six-node ones ∫ N dA."""
+    if mesh.order == 2:
+        shares = np.zeros((mesh.tri_count, 6))
+        shares[elements] = node_shares(mesh.points, mesh.cells[elements])
+        return preparation.sum_to_nodes(mesh, shares.reshape(-1, 1))[:, 0]
     area = np.zeros(mesh.tri_count)
     area[elements] = mesh.tri_areas()[elements]
     return preparation.sum_to_nodes(mesh, np.repeat(area / 3.0, 3)[:, None])[:, 0]
 
 
 def _tributary_length(mesh: Mesh, nodes: Ints, key: str) -> Floats:
-    """(n,) half the length of the edges, of those with both ends in the group, that meet at a node."""
+    """(n,) half the length of the edges, of those with both ends in the group, that meet at a node; of curved ones ∫ N ds."""
     member = np.zeros(mesh.node_count, dtype=bool)
     member[nodes] = True
+    if mesh.order == 2:
+        curved = np.column_stack([mesh.edge_table.nodes, mesh.edge_middles])
+        curved = curved[member[curved].all(axis=1)]
+        if not len(curved):
+            raise InputError(f"{key}.group: no mesh edge has its three nodes in this group of {len(nodes)} nodes")
+        shares = side_shares(mesh.points, curved).ravel()
+        return np.bincount(curved.ravel(), weights=shares, minlength=mesh.node_count).astype(np.float64, copy=False)
     edges = mesh.edges()
     edges = edges[member[edges].all(axis=1)]
     if not len(edges):

@@ -13,6 +13,7 @@ import numpy as np
 from taichi_membrane.mechanics.preparation import Floats, sides_now
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.wet import corner_forces
+from taichi_membrane.mesh.quadratic import area_vectors
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,8 @@ def force_balance(
 def surface_forces(structure: Structure, displacement: Floats, values: Floats) -> Floats:
     """(n, 3) forces of pressures, winds, loads per plan area and liquids on the elements as they lie."""
     mesh = structure.mesh
+    if mesh.order == 2:
+        return _pressures(structure, values)[:, None] * area_vectors(mesh.points + displacement, mesh.cells)
     sides = sides_now(mesh, displacement, np.arange(mesh.tri_count))
     directed = np.cross(sides[:, 1], sides[:, 2])  # doubled areas
     forces = 0.5 * _pressures(structure, values)[:, None] * directed

@@ -26,6 +26,7 @@ from taichi_membrane.simulation.dead_forces import unit_forces_of
 from taichi_membrane.simulation.fabrics import fabrics_of, prestress_of, thickness_of
 from taichi_membrane.simulation.groups import fabric_list
 from taichi_membrane.simulation.growth import Growth, growth_of
+from taichi_membrane.simulation.layers import grade_of
 from taichi_membrane.simulation.load_state import LoadState, unloaded
 from taichi_membrane.simulation.members import (
     cables_of,
@@ -225,15 +226,26 @@ def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) 
     :raises InputError: the shape's numbers, the mesh file or a group's condition are bad.
     """
     source = scene.mesh
-    arguments = source.model_dump(exclude={"shape"})
+    arguments = source.model_dump(exclude={"shape", "points"})
     if source.shape == "file":
         path = (base or Path()) / source.path
         mesh = meshes.read_mesh(path, repair=repair, scale=source.scale, open_seams=source.open_seams, join=source.join)
     else:
         if source.shape == "given":
             raise InputError("mesh.shape = 'given' needs a mesh object: run(scene, mesh=...)")
+        grade = arguments.pop("grade", None)
         mesh = _SHAPES[source.shape](**arguments)
+        if grade is not None:
+            sizes = grade_of(scene, mesh)
+            mesh = _SHAPES[source.shape](**arguments, grade=sizes) if sizes else mesh
     return with_scene_groups(scene, mesh)
+
+
+def _check_order(scene: Scene, mesh: Mesh) -> None:
+    """Refuse a mesh whose triangles are not of the kind that the scene names."""
+    if mesh.order != scene.order:
+        told = {1: "three-node", 2: "six-node"}
+        raise InputError(f"mesh.order = {scene.order}, but the mesh has {told[mesh.order]} triangles")
 
 
 def with_scene_groups(scene: Scene, mesh: Mesh) -> Mesh:
@@ -242,6 +254,7 @@ def with_scene_groups(scene: Scene, mesh: Mesh) -> Mesh:
 
     :raises InputError: a condition that cannot be read or that nothing meets; a name that is taken.
     """
+    _check_order(scene, mesh)
     mesh = with_member_nodes(scene, mesh)
     chosen: dict[str, dict[str, Ints]] = {"nodes": {}, "elements": {}}
     for name, group in scene.groups.items():
@@ -292,6 +305,7 @@ def build_model(scene: Scene, mesh: Mesh, own_probes: Mapping[str, ProbeFunction
         tri_thickness=thickness_of(scene, mesh, tri_fabric),
         tri_prestress=_prestress(scene, mesh, tri_fabric, fabrics),
         growth=growth.array,
+        sampling=max(scene.samples, 3),
     )
     _check_rims(structure, surface)
     return Model(

@@ -41,7 +41,7 @@ def with_surfaces(scene: Scene, base: Path | None) -> Scene:
         if isinstance(one, SurfaceObstacle) and one.path is not None:
             mesh = meshes.read_mesh((base or Path()) / one.path, scale=one.scale)
             data = one.model_dump() | {"path": None, "scale": 1.0}
-            found[name] = data | {"points": mesh.points.tolist(), "triangles": mesh.triangles.tolist()}
+            found[name] = data | {"points": mesh.points.tolist(), "triangles": mesh.flat_triangles.tolist()}
     if not found:
         return scene
     return scene.model_copy(

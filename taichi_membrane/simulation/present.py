@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from taichi_membrane import fields
 from taichi_membrane.mechanics.element_state import ElementState
-from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.preparation import Floats, sample_sides
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mesh import Mesh
+from taichi_membrane.mesh.quadratic import LUMPED, RULES, areas
+from taichi_membrane.names import WRINKLED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,7 +26,7 @@ class Present:
     :param displacement: (n, 3).
     :param reaction: (n, 3) support forces.
     :param contact_force: (n, 3) forces of planes and obstacles; ``contact_push`` (n,) sizes of what is across them, summed.
-    :param elements: state of every triangle.
+    :param elements: state at every point where strain is sampled.
     :param cable_force: force of every straight piece of a cable.
     :param free_strain: (m, 2) stress-free strain in warp and weft, where something drives it.
     """
@@ -39,10 +41,41 @@ class Present:
     free_strain: Floats | None = None
 
     def __getattr__(self, name: str) -> Any:
-        """What the elements know of themselves, by name."""
-        if name.startswith("_") or name == "elements":
+        """What the elements know of themselves, by name: of six-node ones the mean of their points, by area."""
+        if name.startswith("_") or name in ("elements", "structure"):
             raise AttributeError(name)
-        return getattr(self.elements, name)
+        return self.structure.mean_of_samples(getattr(self.elements, name))
+
+    @property
+    def state(self) -> NDArray[np.int8]:
+        """(m,) state of every triangle: taut or slack where all its points are, else wrinkled."""
+        if self.structure.samples == 1:
+            return self.elements.state
+        points = self.point_state
+        return np.where((points == points[:, :1]).all(axis=1), points[:, 0], WRINKLED).astype(np.int8)
+
+    def _at_points(self, values: NDArray[Any]) -> NDArray[Any]:
+        return values.reshape(-1, self.structure.samples)
+
+    @property
+    def point_state(self) -> NDArray[np.int8]:
+        """(m, samples) state at each point of every triangle."""
+        return self._at_points(self.elements.state)
+
+    @property
+    def point_taut_margin(self) -> Floats:
+        """(m, samples) :attr:`ElementState.taut_margin` at each point."""
+        return self._at_points(self.elements.taut_margin)
+
+    @property
+    def point_slack_margin(self) -> Floats:
+        """(m, samples) :attr:`ElementState.slack_margin` at each point."""
+        return self._at_points(self.elements.slack_margin)
+
+    @property
+    def point_major_stress(self) -> Floats:
+        """(m, samples) major principal stress at each point."""
+        return self._at_points(self._principal[0])
 
     def fields(self, extra: Collection[str] = ()) -> dict[str, NDArray[Any]]:
         """The values of all fields, by name, with the named optional ones."""
@@ -60,12 +93,12 @@ class Present:
     @property
     def major_stress(self) -> Floats:
         """(m,) major principal stress (second Piola–Kirchhoff)."""
-        return self._principal[0]
+        return self.structure.mean_of_samples(self._principal[0])
 
     @property
     def minor_stress(self) -> Floats:
         """(m,) the other one."""
-        return self._principal[1]
+        return self.structure.mean_of_samples(self._principal[1])
 
     @cached_property
     def _principal(self) -> tuple[Floats, Floats, Floats]:
@@ -77,28 +110,35 @@ class Present:
     @property
     def major_direction(self) -> Floats:
         """(m, 3) unit vectors of the deformed elements that those of the major stress at rest are carried to."""
-        mesh, geometry, angle = self.structure.mesh, self.structure.geometry, self._principal[2]
+        structure, (major, _, angle) = self.structure, self._principal
+        geometry = structure.geometry
         tangent = np.cos(angle)[:, None] * geometry.warp + np.sin(angle)[:, None] * geometry.weft
-        rest = mesh.points[mesh.triangles]
-        first, second = rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]
+        rest = sample_sides(structure.mesh, structure.points, structure.samples)
+        first, second = rest[:, 2], -rest[:, 1]
         normal = np.cross(first, second)
         squared = np.einsum("ij,ij->i", normal, normal)
         along_first = np.einsum("ij,ij->i", np.cross(tangent, second), normal) / squared
         along_second = np.einsum("ij,ij->i", np.cross(first, tangent), normal) / squared
-        now = rest + self.displacement[mesh.triangles]
-        moved = along_first[:, None] * (now[:, 1] - now[:, 0]) + along_second[:, None] * (now[:, 2] - now[:, 0])
+        now = sample_sides(structure.mesh, structure.points + self.displacement, structure.samples)
+        moved = along_first[:, None] * now[:, 2] - along_second[:, None] * now[:, 1]
         length = np.linalg.norm(moved, axis=1, keepdims=True)
-        return np.asarray(moved / np.where(length > 0.0, length, 1.0))
+        unit = np.asarray(moved / np.where(length > 0.0, length, 1.0))
+        if structure.samples == 1:
+            return unit
+        # A direction and its opposite are one: what has a mean is d⊗d, of points that bear something.
+        weight = np.maximum(major, 0.0) + np.finfo(float).tiny
+        mean = structure.mean_of_samples(weight[:, None, None] * unit[:, :, None] * unit[:, None, :])
+        return np.asarray(np.linalg.eigh(mean)[1][:, :, 2])
 
     @property
     def major_resultant(self) -> Floats:
         """(m,) major principal Cauchy stress resultant, force per deformed width."""
-        return self._principal_resultant[0]
+        return self.structure.mean_of_samples(self._principal_resultant[0])
 
     @property
     def minor_resultant(self) -> Floats:
         """(m,) the other one."""
-        return self._principal_resultant[1]
+        return self.structure.mean_of_samples(self._principal_resultant[1])
 
     @cached_property
     def _principal_resultant(self) -> tuple[Floats, Floats]:
@@ -116,28 +156,32 @@ class Present:
         across = np.cross(normal, along) / np.where(flat, double_area, 1.0)[:, None]
         x, y = np.einsum("iaj,ij->ia", side, along), np.einsum("iaj,ij->ia", side, across)
         scale = np.where(flat, 2.0 / np.where(flat, double_area, 1.0), 0.0)
+        if self.structure.samples > 1:
+            scale = scale / np.tile(RULES[self.structure.samples].weights, self.structure.mesh.tri_count)
         parts = (scale * (density * one * other).sum(axis=1) for one, other in ((x, x), (y, y), (x, y)))
         return _principal_values(*parts)
 
 
 def side_forces(structure: Structure, displacement: Floats, stress: Floats) -> tuple[Floats, Floats]:
-    """(m, 3, 3) vectors of the deformed sides, and (m, 3) the force densities (force over length) along them.
+    """(m, 3, 3) vectors of the deformed sides where strain is sampled, and (m, 3) force densities (force over length) along them.
 
     :param stress: (m, 3) second Piola–Kirchhoff stress in fabric axes.
     """
-    mesh, geometry = structure.mesh, structure.geometry
-    corners = (mesh.points + displacement)[mesh.triangles]
-    side = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    geometry = structure.geometry
+    side = sample_sides(structure.mesh, structure.points + displacement, structure.samples)
     length = np.linalg.norm(side, axis=2)
-    green = structure.green
-    volume = geometry.area * structure.thickness
+    green = structure.by_sample(structure.green)
+    volume = geometry.area * structure.by_sample(structure.thickness)
     natural = volume[:, None] * np.einsum("iba,ib->ia", geometry.strain_matrix, stress)
     reach = np.where(green[:, None], geometry.side_length, length)
     return side, np.divide(natural, reach, out=np.zeros_like(natural), where=reach > 0.0)
 
 
 def node_area(mesh: Mesh, displacement: Floats) -> Floats:
-    """(n,) area of each node: a third of each deformed element around it."""
+    """(n,) area of each node: a third of each deformed element around it; of six-node ones its lumped share."""
+    if mesh.order == 2:
+        share = (LUMPED * areas(mesh.points + displacement, mesh.cells)[:, None]).ravel()
+        return np.bincount(mesh.cells.ravel(), weights=share, minlength=mesh.node_count).astype(np.float64, copy=False)
     corners = (mesh.points + displacement)[mesh.triangles]
     directed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     share = np.repeat(np.linalg.norm(directed, axis=1) / 6.0, 3)

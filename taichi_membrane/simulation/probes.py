@@ -11,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from taichi_membrane import scene as scenes
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
 from taichi_membrane.scene.base import Name
@@ -134,7 +135,7 @@ def evaluate(
         elif isinstance(probe, scenes.CableProbe):
             values[name] = _of_cable(probe, model, fields)
         else:
-            values[name] = _over_elements(probe, fields, mesh.tri_areas(), group_triangles(mesh, probe.group, key))
+            values[name] = _over_elements(probe, fields, model.structure, group_triangles(mesh, probe.group, key))
     return values
 
 
@@ -178,9 +179,15 @@ def _mean_radius(positions: Floats, axis: str) -> float:
 
 
 def _over_elements(
-    probe: scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe, fields: FieldValues, area: Floats, group: Ints
+    probe: scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe,
+    fields: FieldValues,
+    structure: Structure,
+    group: Ints,
 ) -> float:
-    weights = area[group]
+    weights = structure.mesh.tri_areas()[group]
+    if isinstance(probe, scenes.AreaProbe) and structure.samples > 1:
+        areas = structure.geometry.area.reshape(-1, structure.samples)[group]
+        return float(areas[fields["point_state"][group] == STATE_NAMES.index(probe.state)].sum() / areas.sum())
     if isinstance(probe, scenes.AreaProbe):
         in_state = fields["state"][group] == STATE_NAMES.index(probe.state)
         return float(weights[in_state].sum() / weights.sum())

@@ -108,7 +108,7 @@ def _gradient(model: Model, name: str, displacement: Floats) -> Floats:
     gradient = np.zeros_like(displacement)
     if isinstance(probe, scenes.VolumeProbe):
         triangles, share, _ = model.measured(probe)
-        return volume_gradient(mesh.points + displacement, mesh.triangles[triangles], share)
+        return volume_gradient(mesh.points + displacement, mesh.cells[triangles], share)
     assert isinstance(
         probe, scenes.DisplacementProbe | scenes.RadiusProbe | scenes.RotationProbe
     )  # the scene allows no other

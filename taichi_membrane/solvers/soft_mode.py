@@ -36,7 +36,7 @@ def scaled(system: System, mode: Floats) -> Floats:
     """
     structure, moves = system.structure, (system.from_frames(mode) ** 2).sum(axis=1)
     sides = system.geometry.side_length.mean(axis=1)
-    share = moves[structure.mesh.triangles].sum(axis=1)
+    share = structure.by_sample(moves[structure.mesh.triangles].sum(axis=1))
     nodes, lengths = structure.cable_sides
     sides, share = np.concatenate([sides, lengths]), np.concatenate([share, moves[nodes].sum(axis=1)])
     length = float(share @ sides) / float(share.sum())

@@ -151,8 +151,8 @@ GMSH = [
     ),
     _g(
         "second-order elements",
-        g_old([*G_SHEET, (9, 2, 1, 1, 1, 2, 3, 4, 5, 6)]),
-        "elements of gmsh's type 9 .*second-order elements are not read",
+        g_old([*G_SHEET, (16, 2, 1, 1, 1, 2, 3, 4, 5, 6, 1, 2)]),
+        "elements of gmsh's type 16 .*second-order elements are not read",
     ),
     _g(
         "solids",

@@ -105,7 +105,7 @@ VTK = [
         "the array 'part' has 5 values, 8 are needed",
     ),
     _v(".vtu: solids", "v.vtu", x_vtu(kind="10"), "cell 0 is of VTK's type 10: solid elements are no membrane"),
-    _v(".vtu: second-order cells", "v.vtu", x_vtu(kind="22"), "cell 0 is of VTK's type 22: second-order elements"),
+    _v(".vtu: second-order cells", "v.vtu", x_vtu(kind="23"), "cell 0 is of VTK's type 23: second-order elements"),
     _v(".vtu: a file that is cut off", "v.vtu", x_vtu()[:-30], "the file is no well-formed XML"),
     _v(
         ".vtu: cells marked as ghosts",

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from taichi_membrane.assurance.verification import (
     cables,
+    curved,
     filled,
     films,
     forms,
@@ -25,6 +26,9 @@ CASES: dict[str, Callable[[], Benchmark]] = {
     "cylinder": pressure.cylinder,
     "hencky": pressure.hencky,
     "disc": pressure.disc,
+    "sphere_six": curved.sphere,
+    "cylinder_six": curved.cylinder,
+    "disc_six": curved.disc,
     "mylar": pressure.mylar,
     "airbag": pressure.airbag,
     "strip": wrinkling.strip,

@@ -13,7 +13,7 @@ from taichi_membrane.mesh import Mesh
 SHOOTING = "axisymmetric St Venant-Kirchhoff membrane, solved by shooting"
 
 
-def sphere() -> Benchmark:
+def sphere(order: int = 1) -> Benchmark:
     """A sphere blown up a little and to one and a half times its size."""
     small, large, nu = 0.0284300, 1.1904762, 0.3
     source = "p R = E t (λ - 1/λ)/(1 - ν), S = p r/2"
@@ -22,7 +22,7 @@ def sphere() -> Benchmark:
         held = {f"{axis}_zero": f"{axis} = 0 within 1e-9" for axis in "xyz"}
         result = solve(
             {
-                "mesh": {"shape": "sphere", "radius": 1.0, "divisions": size},
+                "mesh": {"shape": "sphere", "radius": 1.0, "divisions": size, "order": order},
                 "fabric": {"E": 1.0, "nu": nu, "thickness": 1.0},
                 "groups": {name: {"where": where} for name, where in held.items()},
                 "supports": [{"group": name, "hold": name[0]} for name in held],
@@ -64,7 +64,7 @@ def sphere() -> Benchmark:
     )
 
 
-def cylinder() -> Benchmark:
+def cylinder(order: int = 1) -> Benchmark:
     """A tube with hemispherical ends, away from them."""
     radius, length, stiffness, nu = 1.0, 5.0, 1.0, 0.3
     small, large = 0.0021875, 0.21875
@@ -73,7 +73,9 @@ def cylinder() -> Benchmark:
     def run(size: int) -> Solution:
         result = solve(
             {
-                "mesh": {"shape": "tube", "radius": radius, "length": length, "around": 4 * size, "along": 4 * size},
+                "mesh": {
+                    "shape": "tube", "radius": radius, "length": length, "around": 4 * size, "along": 4 * size, "order": order,
+                },
                 "fabric": {"E": stiffness, "nu": nu, "thickness": 1.0},
                 "groups": {
                     "y_zero": {"where": "y = 0 within 1e-9"},
@@ -93,7 +95,7 @@ def cylinder() -> Benchmark:
                     "stress": {"kind": "stress", "group": "middle_wall", "reduce": "mean"},
                 },
             }
-        )
+        )  # fmt: skip
         hoop, axial, stress = result.probe("radius"), 4.0 * result.probe("advance") / length, result.probe("stress")
         return Solution(
             values={
@@ -165,14 +167,14 @@ def hencky() -> Benchmark:
     )
 
 
-def disc() -> Benchmark:
+def disc(order: int = 1) -> Benchmark:
     """The same disc under pressure that follows it, at loads where Hencky's theory ends."""
     small, large, nu = 1e-2, 1e-1, 0.3
 
     def run(size: int) -> Solution:
         result = solve(
             {
-                "mesh": {"shape": "disc", "radius": 1.0, "rings": size},
+                "mesh": {"shape": "disc", "radius": 1.0, "rings": size, "order": order},
                 "fabric": {"E": 1.0, "nu": nu, "thickness": 1.0},
                 "groups": {
                     "middle": {"where": f"r < {1.0 / size}", "kind": "elements"},
@@ -189,7 +191,7 @@ def disc() -> Benchmark:
         )
         ray = result.mesh.node_groups["ray"]
         place = result.mesh.points[ray] + result.steps[-1].displacement[ray]
-        order = np.argsort(place[:, 0])
+        along = np.argsort(place[:, 0])
         return Solution(
             values={
                 "rise, Q = 0.01": result.probe("rise")[0],
@@ -197,7 +199,7 @@ def disc() -> Benchmark:
                 "volume, Q = 0.1": result.probe("volume")[-1],
                 "stress in the middle, Q = 0.1": result.probe("stress")[-1],
             },
-            points=(place[order, 0], place[order, 2]),
+            points=(place[along, 0], place[along, 2]),
         )
 
     first, last = (inflated_disc(load, nu, rim="held") for load in (small, large))

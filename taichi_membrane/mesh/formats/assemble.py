@@ -26,6 +26,7 @@ class MeshParts:
     :param lines: (m, 2) node numbers of line elements.
     :param loose_groups: named node numbers, all of them n or above.
     :param line_groups: named numbers of lines.
+    :param tri_middle: (m, 3) nodes amid the sides opposite each corner, of six-node triangles.
     :param tri_fields: numbers of the triangles, (m,) or (m, k), by name.
     :param resolution: last digit of the coordinates as the file gives them [length].
     :param element_name, node_name: what the file calls a triangle and a node, for messages.
@@ -45,6 +46,7 @@ class MeshParts:
     node_name: Callable[[int], str] | None
     notes: list[str] = field(default_factory=list)
     tri_fields: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    tri_middle: Ints | None = None
 
 
 def assemble(source: Source, raw: RawMesh) -> MeshParts:
@@ -56,16 +58,24 @@ def assemble(source: Source, raw: RawMesh) -> MeshParts:
     _check(source, raw)
     points, raw = _welded(raw)
     triangles, tri_cell = _triangles(source, points, raw, notes)
-    lines, line_cell = _of_kind(raw, "line")
+    six, six_cell = _of_kind(raw, "triangle6")
+    middles = None
+    if len(six):
+        if len(triangles):
+            told = (
+                f"{several(len(six), 'six-node triangle')} beside {several(len(triangles), 'triangle')} of three nodes"
+            )
+            raise source.fault(f"{told}: save elements of one kind")
+        triangles, middles, tri_cell = six[:, :3], six[:, [4, 5, 3]], six_cell
+    cells = triangles if middles is None else np.concatenate((triangles, middles), axis=1)
+    lines, line_cell = _lines(raw)
     first = np.full(raw.cell_count, -1, dtype=np.int64)
     count = np.zeros(raw.cell_count, dtype=np.int64)
     first[tri_cell[::-1]] = np.arange(len(tri_cell))[::-1]
     np.add.at(count, tri_cell, 1)
-    line_number = np.full(raw.cell_count, -1, dtype=np.int64)
-    line_number[line_cell] = np.arange(len(line_cell))
-    nodes, tri_groups, line_groups = _groups(raw, triangles, lines, first, count, line_number, notes)
+    nodes, tri_groups, line_groups = _groups(raw, cells, lines, first, count, line_cell, notes)
     used = np.zeros(len(points), dtype=bool)
-    used[triangles] = True
+    used[cells] = True
     kept = np.zeros(len(points), dtype=bool)
     kept[lines] = True
     for members in nodes.values():
@@ -102,6 +112,7 @@ def assemble(source: Source, raw: RawMesh) -> MeshParts:
         node_name=_through(raw.node_name, np.flatnonzero(used)),
         notes=notes,
         tri_fields={name: values[tri_cell] for name, values in raw.cell_fields.items()},
+        tri_middle=None if middles is None else number[middles],
     )
 
 
@@ -129,7 +140,7 @@ def _check(source: Source, raw: RawMesh) -> None:
     """Refuse what no numbering can make good: points without three numbers, cells without nodes, no triangles."""
     if raw.points.ndim != 2 or raw.points.shape[1] != 3:
         raise source.fault(f"points of three coordinates are expected, got an array of shape {raw.points.shape}")
-    if not any(block.kind in ("triangle", "quad") and len(block.nodes) for block in raw.cells):
+    if not any(block.kind in ("triangle", "triangle6", "quad") and len(block.nodes) for block in raw.cells):
         held = [
             several(len(block.nodes), block.kind, "vertices" if block.kind == "vertex" else "")
             for block in raw.cells
@@ -198,6 +209,16 @@ def _of_kind(raw: RawMesh, kind: str) -> tuple[Ints, Ints]:
             numbers.append(np.arange(offset, offset + len(block.nodes)))
         offset += len(block.nodes)
     return np.concatenate(nodes), np.concatenate(numbers)
+
+
+def _lines(raw: RawMesh) -> tuple[Ints, Ints]:
+    """Straight lines, of a curved one both halves, and the cell that each comes from."""
+    straight, straight_cell = _of_kind(raw, "line")
+    curved, curved_cell = _of_kind(raw, "line3")
+    halves = np.stack((curved[:, [0, 2]], curved[:, [2, 1]]), axis=1).reshape(-1, 2)
+    every, cell = np.concatenate((straight, halves)), np.concatenate((straight_cell, np.repeat(curved_cell, 2)))
+    order = np.argsort(cell, kind="stable")
+    return every[order], cell[order]
 
 
 def _triangles(source: Source, points: NDArray[np.float64], raw: RawMesh, notes: list[str]) -> tuple[Ints, Ints]:
@@ -272,9 +293,13 @@ def _folded(points: NDArray[np.float64], quad: Ints) -> NDArray[np.bool_]:
 
 
 def _groups(
-    raw: RawMesh, triangles: Ints, lines: Ints, first: Ints, count: Ints, line_number: Ints, notes: list[str]
+    raw: RawMesh, triangles: Ints, lines: Ints, first: Ints, count: Ints, line_cell: Ints, notes: list[str]
 ) -> tuple[dict[str, Ints], dict[str, Ints], dict[str, Ints]]:
     """Groups of nodes (places in the points), of triangles and of lines.
+
+    :param triangles: all nodes of each.
+    :param first, count: of each cell the first triangle that it gives, and how many.
+    :param line_cell: cell that each line comes from, ascending.
 
     A set of cells also names its nodes. Where several sets of one name differ in kind, the name stands for the nodes of the
     lowest kind: points before lines before triangles.
@@ -288,7 +313,8 @@ def _groups(
     for group in raw.cell_groups:
         has_tri = group.members[first[group.members] >= 0]
         elements = np.concatenate([first[has_tri], first[has_tri[count[has_tri] == 2]] + 1])
-        of_lines = line_number[group.members][line_number[group.members] >= 0]
+        begin, end = (np.searchsorted(line_cell, group.members, side) for side in ("left", "right"))
+        of_lines = np.concatenate([begin[end > begin], begin[end > begin + 1] + 1])  # a curved one is two
         of_points = vertex_number[group.members][vertex_number[group.members] >= 0]
         for held, members in ((tri_groups, elements), (line_groups, of_lines)):
             if members.size:

@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.mesh.formats.gmsh_words import Words, sections
-from taichi_membrane.mesh.formats.raw import SECOND_ORDER, SOLID, CellKind, RawMesh
+from taichi_membrane.mesh.formats.raw import CORNERS, SECOND_ORDER, SOLID, CellKind, RawMesh
 from taichi_membrane.mesh.formats.source import Numbering, Source, several
 
 Ints = NDArray[np.int64]
-_KINDS: dict[int, tuple[CellKind, int]] = {15: ("vertex", 0), 1: ("line", 1), 2: ("triangle", 2), 3: ("quad", 2)}
+# Nodes of curved elements the other way round.
+_TURNED = {"line3": [1, 0, 2], "triangle6": [2, 1, 0, 4, 3, 5]}
+_KINDS: dict[int, tuple[CellKind, int]] = {
+    15: ("vertex", 0), 1: ("line", 1), 2: ("triangle", 2), 3: ("quad", 2), 8: ("line3", 1), 9: ("triangle6", 2),
+}  # fmt: skip
 _SOLIDS = {4: "tetrahedra", 5: "hexahedra", 6: "prisms", 7: "pyramids"}
 
 
@@ -142,11 +146,11 @@ def _elements_new(words: Words, content: _Content) -> None:
         kind, of_kind = _kind(words, number, count)
         if of_kind != dimension:
             raise words.fault(f"elements of dimension {of_kind} in an entity of dimension {dimension}")
-        corners = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4}[kind]
+        corners = CORNERS[kind]
         labels, nodes = np.split(words.tags(count * (corners + 1)).reshape(count, -1), [1], axis=1)
         physical = content.physical.get((dimension, tag), [])
         if kind != "vertex" and physical and max(physical) < 0:  # all its groups have it the other way round
-            nodes = nodes[:, ::-1]
+            nodes = nodes[:, _TURNED.get(kind, slice(None, None, -1))]
         if physical and min(physical) < 0 < max(physical):
             both = ", ".join(map(str, physical))
             content.notes.append(
@@ -202,7 +206,7 @@ def _mesh(source: Source, content: _Content) -> RawMesh:
     raw.node_name = lambda node: f"node {content.labels[node]}"
     members: dict[tuple[int, int], list[Ints]] = {}
     labels, places = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
-    for kind in ("vertex", "line", "triangle", "quad"):
+    for kind in CORNERS:
         mine = [block[1:] for block in content.blocks if block[0] == kind and len(block[1])]
         own = [(nodes, tags) for nodes, tags, _ in mine]
         if not own:
@@ -217,7 +221,7 @@ def _mesh(source: Source, content: _Content) -> RawMesh:
         numbers = np.array(raw.add_cells(kind, at[kept]))
         labels += [block[2] for block in mine]
         places.append(numbers[row])
-        dimension = {"vertex": 0, "line": 1}.get(kind, 2)
+        dimension = {"vertex": 0, "line": 1, "line3": 1}.get(kind, 2)
         for tag in np.unique(np.abs(tags[tags != 0])).tolist():
             which = (np.abs(tags) == tag).any(axis=1)
             members.setdefault((dimension, tag), []).append(np.unique(numbers[row[which]]))

@@ -13,7 +13,7 @@ from taichi_membrane.mesh.formats.source import listed, shown
 from taichi_membrane.mesh.formats.vtk_cells import name_groups
 
 _SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
-_DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2}
+_DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2, "line3": 1, "triangle6": 2}
 # Arrays of meshio that hold what a format calls group, reference or family; gmsh's other numbers are its geometry's.
 _PHYSICAL = "gmsh:physical"
 _SHORT = {

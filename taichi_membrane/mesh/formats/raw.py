@@ -11,10 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from taichi_membrane.mesh.topology import sorted_unique
 
-CellKind = Literal["vertex", "line", "triangle", "quad"]
-CORNERS: dict[CellKind, int] = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4}
+CellKind = Literal["vertex", "line", "line3", "triangle", "triangle6", "quad"]
+# Nodes of each. Of six-node triangles corners come first, then the nodes from corner 0 to 1, 1 to 2, 2 to 0.
+CORNERS: dict[CellKind, int] = {"vertex": 1, "line": 2, "line3": 3, "triangle": 3, "triangle6": 6, "quad": 4}
 # Other cells by what they are called in messages; they have no place in a mesh of triangles.
-SECOND_ORDER = "second-order elements are not read: save with three-node triangles and straight sides"
+SECOND_ORDER = (
+    "second-order elements are not read, but for six-node triangles from gmsh, VTK and meshio: save these, or three-node triangles "
+    "with straight sides"
+)
 SOLID = "solid elements are no membrane: save the surface alone"
 
 

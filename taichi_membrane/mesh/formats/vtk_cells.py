@@ -8,14 +8,14 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_membrane.mesh.formats.raw import SECOND_ORDER, SOLID, CellKind, RawMesh
+from taichi_membrane.mesh.formats.raw import CORNERS, SECOND_ORDER, SOLID, CellKind, RawMesh
 from taichi_membrane.mesh.formats.source import Source, several
 
 Ints = NDArray[np.int64]
 GROUP, LINES = "group:", "lines:"  # begin the names of 0/1 arrays that mark members; quoted as in URLs
 WARP = "warp"
 WIDEST = 9  # components of an array that is kept: those of a tensor
-_KINDS: dict[int, CellKind] = {1: "vertex", 3: "line", 5: "triangle", 9: "quad"}
+_KINDS: dict[int, CellKind] = {1: "vertex", 3: "line", 5: "triangle", 9: "quad", 21: "line3", 22: "triangle6"}
 _MANY: dict[int, str] = {2: "vertex", 4: "line", 6: "strip", 7: "polygon", 8: "pixel"}
 _SOLIDS = (10, 11, 12, 13, 14, 15, 16, 24, 25, 26, 27, 29, 32, 33, 41, 42)
 _NUMBERING = frozenset(
@@ -55,7 +55,7 @@ def _block(
         raise source.fault(f"cell {first} is of VTK's type {number}: {SECOND_ORDER}")
     kind = _KINDS.get(number) or _MANY[number]
     if number in _KINDS:
-        corners = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4}[kind]
+        corners = CORNERS[_KINDS[number]]
         bad = np.flatnonzero(count != corners)
         if bad.size:
             raise source.fault(
