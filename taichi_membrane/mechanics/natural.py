@@ -11,11 +11,12 @@ import numpy as np
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import element, fabric
 from taichi_membrane.mechanics.element_state import ElementState
+from taichi_membrane.mechanics.features import Features
 from taichi_membrane.mechanics.nodes import Array, Nodes, blocks_of, fill
 from taichi_membrane.mechanics.preparation import FabricConstants
 from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.strain_offset import StrainOffset
-from taichi_membrane.mechanics.structure import Features, Structure, variant_of
+from taichi_membrane.mechanics.structure import Structure, variant_of
 from taichi_membrane.names import TAUT
 
 _BOUNDS = ("count", "block_length", "blocks")

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import body
+from taichi_membrane.mechanics.features import Features
 from taichi_membrane.mechanics.preparation import Floats
-from taichi_membrane.mechanics.structure import Features, Structure
+from taichi_membrane.mechanics.structure import Structure
 
 # Sums run over this many fixed blocks, each added in order: the same bits whatever thread takes which block.
 _CPU_BLOCKS = 128
