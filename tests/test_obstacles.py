@@ -357,6 +357,9 @@ BALL = {"kind": "sphere", "centre": [0, 0, 1], "radius": 1.0}
         ({"planes": {"ball": {"through": [0, 0, 1], "normal": [0, 0, -1]}}}, "planes.ball has the name already"),
         ({"probes": {"f": {"kind": "contact", "obstacle": "bal"}}}, r"probes\.f\.obstacle: 'bal' is not .*allowed: ball"),
         ({"stages": [{"name": "s", "control": "arc_length"}]}, "is not implemented for a scene with obstacles"),
+        ({"stages": [{"name": "s", "until": "collapse"}]}, "until = 'collapse' is not implemented for a scene with obstacles"),
+        ({"stages": [{"name": "s", "until": "collapse_or_target"}]}, "is not implemented for a scene with obstacles"),
+        ({"modes": {"kind": "buckling"}}, "modes is not implemented for a scene with obstacles"),
         ({"derivatives": ["depth"]}, "derivative"),
     ],
 )  # fmt: skip

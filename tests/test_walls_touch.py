@@ -13,7 +13,8 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.execution.run import resume, run
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
-from taichi_membrane.mechanics.wall_search import Found, Walls, closest, couples, crossings
+from taichi_membrane.mechanics.wall_crossing import crossings, passed
+from taichi_membrane.mechanics.wall_search import Found, Walls, closest, couples
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation import probes
@@ -301,6 +302,52 @@ def test_walls_that_have_passed_are_no_result() -> None:
     assert count > 3
     assert depth > 0.1
     assert crossings(Walls(mesh, np.arange(mesh.tri_count)), mesh.points) == (0, 0.0)
+
+
+def sheets(**changes: Any) -> Scene:
+    """Two sheets, of which the upper one is moved down by 1."""
+    return Scene.model_validate(
+        {
+            "name": "sheets",
+            "units": {"length": "m", "force": "N"},
+            "mesh": {"shape": "given"},
+            "fabric": {
+                "E": 100.0,
+                "nu": 0.0,
+                "thickness": 1.0,
+                "law": "none",
+                "warp": [1, 0, 0],
+                "prestress": [1, 1, 0],
+            },
+            "supports": [{"group": "lower", "hold": "xyz"}],
+            "motions": {"fall": {"kind": "translation", "group": "upper", "direction": [0, 0, -1], "hold": "xyz"}},
+            "pressures": {},
+            "contact": {},
+            "stages": [{"name": "fall", "motions": {"fall": 1.0}}],
+            "solver": {"max_cuts": 3},
+            **changes,
+        }
+    )
+
+
+def test_a_step_that_passes_through_is_no_result() -> None:
+    """Though at its end no side crosses anything: the nodes' ways tell. What comes near and stays apart is one."""
+    points = np.array([[x, y, 0.0] for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0)])
+    cells = [(0, 3, 4, 1), (1, 4, 5, 2), (3, 6, 7, 4), (4, 7, 8, 5)]
+    flat = np.array([corner for a, b, c, d in cells for corner in ([a, b, c], [a, c, d])])
+    every = np.concatenate([points, points + np.array([0.1, 0.05, 0.5])])
+    groups = {"lower": np.arange(9), "upper": np.arange(9, 18)}
+    mesh = Mesh.build(every, np.concatenate([flat, 9 + flat]), groups)
+    moved = np.where(np.arange(18)[:, None] < 9, 0.0, np.array([0.0, 0.0, -1.0]))
+    walls = Walls(mesh, np.arange(mesh.tri_count))
+    assert crossings(walls, mesh.points + moved) == (0, 0.0)
+    assert {4, 9, 13} <= set(passed(walls, mesh.points, mesh.points + moved).tolist())
+    assert not len(passed(walls, mesh.points, mesh.points + 0.4 * moved))
+    result = run(sheets(), mesh=mesh)
+    assert not result.converged
+    assert "passed through" in result.steps[-1].reason or "contact forces not found" in result.steps[-1].reason
+    near = run(sheets(stages=[{"name": "fall", "motions": {"fall": 0.45}}]), mesh=mesh)
+    assert near.converged, near.steps[-1].reason
 
 
 def test_it_is_told_and_without_it_nothing_is_compiled() -> None:

@@ -28,7 +28,10 @@ class WallTerm:
         self.wall_node = ti.Vector.field(4, ti.i32, shape=2 * count)
         self.wall_share = ti.Vector.field(4, nodes.fp, shape=2 * count)  # c
         self.wall_normal = ti.Vector.field(3, nodes.fp, shape=2 * count)
-        self.wall_value = ti.Vector.field(3, nodes.fp, shape=2 * count)  # gap at rest, k, λ
+        self.wall_value = ti.Vector.field(3, nodes.fp, shape=2 * count)  # gap where none has moved, k, λ
+        if nodes.split_displacement:
+            self.wall_base = ti.Vector.field(3, nodes.fp, shape=count)
+            self.wall_base_rest = ti.Vector.field(3, nodes.fp, shape=count)
         self.wall_start = ti.field(ti.i32, shape=count + 1)
         self.wall_end = ti.field(ti.i32, shape=8 * count)  # four times a pair, and which of its nodes
 
@@ -50,6 +53,11 @@ class WallTerm:
         self.ends = np.column_stack([found.node, self.walls.corners[found.tri]])
         self.shares = np.column_stack([np.ones(len(found.node)), -found.share])
         points = self.structure.points
+        if self.nodes.split_displacement:
+            # Single precision counts from the present place, so that gaps keep their digits.
+            points = points + self.nodes.displacement()
+            self.wall_base.copy_from(self.nodes.node_displacement)
+            self.wall_base_rest.copy_from(self.nodes.node_displacement_rest)
         rest = np.einsum("ij,ijk->ik", self.shares, points[self.ends])
         gap = np.einsum("ij,ij->i", rest, found.normal)
         fill(self.wall_node, self.ends.astype(np.int32))
@@ -63,12 +71,20 @@ class WallTerm:
     # ---- on the device
 
     @ti.func
+    def moved(self, i):
+        """Displacement of node ``i``, in single precision since the pairs were set."""
+        moved = self.nodes.node_displacement[i]
+        if ti.static(self.nodes.split_displacement):
+            moved = moved - self.wall_base[i] + (self.nodes.node_displacement_rest[i] - self.wall_base_rest[i])
+        return moved
+
+    @ti.func
     def push(self, e):
         """Contact force of pair ``e``."""
         ends, share, normal, value = self.wall_node[e], self.wall_share[e], self.wall_normal[e], self.wall_value[e]
         gap = value[0]
-        for a in ti.static(range(1, 4)):
-            gap -= share[a] * self.nodes.displacement_difference(ends[0], ends[a]).dot(normal)
+        for a in ti.static(range(4)):
+            gap += share[a] * self.moved(ends[a]).dot(normal)
         return ti.max(value[2] - value[1] * gap, ti.cast(0.0, self.fp))
 
     @ti.func

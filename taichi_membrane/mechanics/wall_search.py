@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from taichi_membrane.arrays import Floats, Ints
@@ -74,6 +75,14 @@ class Walls:
     def beside(self) -> sparse.csr_matrix:
         """(m, m) which elements share a node, each with itself."""
         return (self._at_node @ self._at_node.T).tocsr()
+
+    @cached_property
+    def parts(self) -> tuple[Ints, Ints]:
+        """Number of the part that hangs together, of each node (-1 of what is no wall) and of each element."""
+        _, of_tri = connected_components(self.beside, directed=False)
+        of_node = np.full(self.mesh.node_count, -1)
+        of_node[self.corners] = of_tri[:, None]
+        return of_node, np.asarray(of_tri)
 
     @cached_property
     def wide(self) -> sparse.csr_matrix:
@@ -159,10 +168,12 @@ class Search:
 
     def facing(self, node: Ints, tri: Ints) -> Ints:
         """(k,) how walls at a node and of an element face each other: -1 front to front or back to back, 1 front to back, 0 not at
-        all. What is near at rest does not face each other front to back, so that no bend of one wall is taken for two."""
+        all. What hangs together and is near at rest does not so front to back: no bend of one wall is taken for two."""
         cosine = np.einsum("ij,ij->i", self.node_normal[node], self.normal[tri])
         apart = np.linalg.norm(self.walls.mesh.points[node] - self.walls.middles[tri], axis=1)
-        forward = (cosine >= _FACES) & (apart > 3.0 * REACH * self.side)
+        node_part, tri_part = self.walls.parts
+        other = (node_part[node] != tri_part[tri]) | (apart > 3.0 * REACH * self.side)
+        forward = (cosine >= _FACES) & other
         return np.where(cosine <= -_FACES, -1, np.where(forward, 1, 0))
 
     def near(self, reach: float) -> tuple[Ints, Ints]:
@@ -283,32 +294,3 @@ def closest(points: Floats, corners: Floats) -> tuple[Floats, Floats]:
     height = np.abs(np.einsum("ij,ij->i", way, normal)) / np.sqrt(square)
     inner = np.column_stack([1.0 - v - w, v, w])
     return np.where(inside[:, None], inner, share), np.where(inside, height, best)
-
-
-def crossings(walls: Walls, places: Floats) -> tuple[int, float]:
-    """How many sides of elements pass through other elements, and how far their shorter ends reach at most, in their lengths."""
-    corners = walls.corners
-    edges = np.unique(
-        np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1), axis=0
-    )
-    at = places[corners]
-    middle = places[edges].mean(axis=1)
-    reach = 0.5 * np.linalg.norm(places[edges[:, 1]] - places[edges[:, 0]], axis=1)
-    radius = float(np.linalg.norm(at - at.mean(axis=1, keepdims=True), axis=2).max())
-    lists = cKDTree(at.mean(axis=1)).query_ball_point(middle, reach + radius)
-    edge = np.repeat(np.arange(len(edges)), [len(one) for one in lists])
-    tri = np.concatenate([np.zeros(0), *lists]).astype(np.int64)
-    apart = (edges[edge][:, :, None] != corners[tri][:, None, :]).all(axis=(1, 2))
-    edge, tri = edge[apart], tri[apart]
-    a, b, c = (at[tri, k] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-300)
-    first, second = (np.einsum("ij,ij->i", places[edges[edge, k]] - a, normal) for k in range(2))
-    none = 2.0 * SAME * walls.size
-    through = (first * second < 0.0) & (np.minimum(np.abs(first), np.abs(second)) > none)
-    edge, tri, first, second = edge[through], tri[through], first[through], second[through]
-    part = first / (first - second)
-    hit = places[edges[edge, 0]] + part[:, None] * (places[edges[edge, 1]] - places[edges[edge, 0]])
-    inside = closest(hit, at[tri])[1] <= none
-    depth = np.minimum(np.abs(first), np.abs(second))[inside] / (2.0 * reach[edge[inside]])
-    return int(inside.sum()), float(depth.max(initial=0.0))

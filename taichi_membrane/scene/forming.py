@@ -32,7 +32,7 @@ def check(scene: Scene) -> None:
         return
     if scene.touchable:
         raise ValueError(
-            f"stages.{scene.stages[0].name}.kind = 'form_find' is not implemented for a scene with planes or obstacles"
+            f"stages.{scene.stages[0].name}.kind = 'form_find' is not implemented for a scene with planes, obstacles or contact"
         )
     fabrics = {"fabric": scene.fabric, **{f"fabrics.{name}": one for name, one in scene.fabrics.items()}}
     for key, fabric in fabrics.items():

@@ -120,7 +120,7 @@ class Contact:
     def go_on(self, friction: Sequence[Floats], touched: Touched | None) -> None:
         """Take over the friction forces (node_count, 3) of an earlier analysis at the present place, and what walls touch."""
         if self.walls is not None and touched is not None:
-            self.walls.kept = touched
+            self.walls.go_on(touched)
         displacement = self.system.displacement()
         for one, force in zip(self.system.frictions, friction, strict=True):
             one.keep(displacement, force)

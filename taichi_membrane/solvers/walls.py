@@ -13,7 +13,8 @@ import numpy as np
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
-from taichi_membrane.mechanics.wall_search import Search, couples, crossings
+from taichi_membrane.mechanics.wall_crossing import crossings, passed
+from taichi_membrane.mechanics.wall_search import Search, couples
 
 # A side that reaches through another element by more than this share of its length has passed it. Sides of convex walls that are
 # met by others may cross by what their facets are off the smooth shape, which is h/(8 R) of a side h.
@@ -48,6 +49,7 @@ class WallContact:
         self.now = self.kept
         self.searches = self.patterns = self.crossed = 0
         self.fresh = True
+        self.before = Search(self.term.walls, self.system.structure.points)
 
     def begin(self, bound: Floats) -> None:
         """Start a solve from what the last equilibrium touched.
@@ -58,13 +60,16 @@ class WallContact:
         """
         self.bound = bound
         self.now = self.kept
-        self.before = self._search()
         self._place(fresh=self.fresh)
         self.fresh = False
 
     def let_go(self) -> None:
         """No contact."""
         self.term.upload(self.system.structure)
+
+    def go_on(self, kept: Touched) -> None:
+        """Take over what the present equilibrium, of an earlier analysis, touches."""
+        self.kept, self.fresh, self.before = kept, True, self._search()
 
     def renew(self) -> None:
         """Bring pairs and multipliers up to the present state."""
@@ -83,7 +88,7 @@ class WallContact:
 
     def accept(self) -> None:
         """Keep what the present equilibrium touches."""
-        self.kept, self.fresh = self._touched(), True
+        self.kept, self.fresh, self.before = self._touched(), True, self._search()
 
     def counts(self) -> dict[str, int]:
         """How many searches and patterns it has taken since this was asked last, and how many sides cross elements."""
@@ -95,6 +100,9 @@ class WallContact:
         """Why the present state is no result: walls that have passed through each other. Empty where none have."""
         place = self.system.structure.points + self.system.displacement()
         self.crossed, depth = crossings(self.term.walls, place)
+        through = passed(self.term.walls, self.before.places, place)
+        if len(through):
+            return f"{len(through)} nodes have passed through walls, the first is node {through[0]}"
         if depth <= THROUGH:
             return ""
         return f"walls have passed through each other: {self.crossed} sides, the deepest by {depth:.2g} of its length"
