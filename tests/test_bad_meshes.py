@@ -42,7 +42,7 @@ def assert_sound(mesh: Mesh) -> None:
     _, edge, count = np.unique(np.sort(runs, axis=1), axis=0, return_inverse=True, return_counts=True)
     plain = runs[count[edge.ravel()] == 2]
     assert len(np.unique(plain, axis=0)) == len(plain)
-    assert set(mesh.triangles.ravel().tolist()) == set(range(mesh.node_count))
+    assert set(mesh.cells.ravel().tolist()) == set(range(mesh.node_count))
     for groups, count in ((mesh.node_groups, mesh.node_count), (mesh.tri_groups, mesh.tri_count)):
         for members in groups.values():
             assert len(members)

@@ -22,6 +22,7 @@ from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.mesh import Mesh, quadratic, read_mesh
 from taichi_membrane.mesh.middles import straight, with_middles
+from taichi_membrane.mesh.survey import survey
 from taichi_membrane.solvers.relaxation import Relaxation
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
@@ -274,6 +275,13 @@ def test_bad_middles_are_refused(change, told: str) -> None:
     with pytest.raises(InputError) as caught:
         Mesh.build(mesh.points, mesh.triangles, tri_middle=change(np.array(mesh.tri_middle)))
     assert told in str(caught.value)
+
+
+def test_a_look_at_a_mesh_tells_true_lengths_and_volumes() -> None:
+    tube = survey(shapes.tube(radius=25.0, length=100.0, around=12, along=6, order=2))
+    assert tube.loops[0].length == pytest.approx(2.0 * np.pi * 25.0, rel=1e-4)
+    (ball,) = survey(shapes.sphere(radius=1.0, divisions=6, order=2)).bodies
+    assert ball.volume == pytest.approx(4.0 / 3.0 * np.pi, rel=3e-4)
 
 
 def test_folded_cells_are_refused() -> None:

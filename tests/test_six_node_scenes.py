@@ -358,7 +358,7 @@ def test_pictures_have_round_outlines(tmp_path: Path) -> None:
     ("changes", "told"),
     [
         (
-            {"loads": {"snow": {"kind": "snow", "group": "wall"}}},
+            {"loads": {"snow": {"kind": "snow", "group": "wall"}}, "stages": [{"name": "rest"}]},
             "kind = 'snow' is not implemented for six-node triangles",
         ),
         ({"planes": {"floor": {"through": [0, 0, -100], "normal": [0, 0, 1]}}}, "planes: contact is not implemented"),

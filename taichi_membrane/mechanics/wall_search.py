@@ -101,6 +101,18 @@ class Walls:
         return np.asarray(self.own[nodes, tri]).ravel() > 0
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Touched:
+    """What one load step hands to the next: of each node's two feelers, (node_count, 2).
+
+    :param partner: elements that they have, by their places among the walls', -1 where none.
+    :param push: contact forces.
+    """
+
+    partner: Ints
+    push: Floats
+
+
 class Found(NamedTuple):
     """Pairs of a feeler and an element.
 

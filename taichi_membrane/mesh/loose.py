@@ -24,6 +24,15 @@ class Loose:
     line_groups: Mapping[str, NDArray[np.int32]]
     node_count: int
 
+    @property
+    def parts(
+        self,
+    ) -> tuple[
+        NDArray[np.float64], Mapping[str, NDArray[np.int32]], NDArray[np.int32], Mapping[str, NDArray[np.int32]]
+    ]:
+        """Points, their groups, lines, and their groups."""
+        return self.points, self.groups, self.lines, self.line_groups
+
     def renumbered(self, new_number: NDArray[np.int32], node_count: int, where: str) -> Loose:
         """The same with other numbers of the triangles' nodes.
 

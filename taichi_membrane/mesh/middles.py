@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import quadratic
-from taichi_membrane.mesh.check import MeshFault
+from taichi_membrane.mesh.check import MeshFault, frozen
 from taichi_membrane.mesh.quadratic import Floats
 from taichi_membrane.mesh.topology import EdgeTable
 
@@ -23,11 +23,17 @@ Place = Callable[[Floats, Floats], Floats]
 _ENDS = np.array([[1, 2, 0], [2, 0, 1]])  # corners at the ends of the side opposite each corner
 
 
-def as_middles(middles: ArrayLike, triangles: NDArray[np.int32], node_count: int, where: str) -> NDArray[np.int32]:
-    """A private (tri_count, 3) int32 copy of the nodes amid the side opposite each corner.
+def as_middles(
+    middles: ArrayLike | None, triangles: NDArray[np.int32], node_count: int, where: str, *, repair: bool
+) -> NDArray[np.int32] | None:
+    """A private read-only (tri_count, 3) int32 copy of the nodes amid the side opposite each corner; None where there are none.
 
-    :raises InputError: another shape, numbers out of range, a node that is a corner too.
+    :raises InputError: another shape, numbers out of range, a node that is a corner too; a mesh that is to be repaired.
     """
+    if middles is None:
+        return None
+    if repair:
+        raise InputError(f"{where}: meshes of six-node triangles cannot be repaired")
     array = np.array(middles)
     if array.shape != triangles.shape or array.dtype.kind not in "iu":
         raise InputError(
@@ -46,7 +52,7 @@ def as_middles(middles: ArrayLike, triangles: NDArray[np.int32], node_count: int
         node = int(array[bad[0]][corner[array[bad[0]]]][0])
         told = f"{where}: node {node} is amid a side of element {bad[0]}, but a corner as well; {bad.size} such elements in all"
         raise MeshFault(told, elements=[int(bad[0])], nodes=[node])
-    return array.astype(np.int32)
+    return frozen(array.astype(np.int32))
 
 
 def edge_middles(middles: NDArray[np.int32], table: EdgeTable, where: str) -> NDArray[np.int32]:

@@ -97,11 +97,9 @@ class Mesh:
         :param repair: first mend what can be (:mod:`.repair`); ``mended`` says what was done. Elements keep their data.
         :param open_seams: free edges that lie on each other stay apart, as slits; without it they are refused, or joined by repair.
         :param join, digit: repair joins nodes of free edges up to the first [length]; without it by the coordinates' last digit.
-        :param lines, line_groups, loose_points, loose_groups, notes, tri_fields, tri_middle: as the fields of those
-            names.
+        :param lines, line_groups, loose_points, loose_groups, notes, tri_fields, tri_middle: as the fields of those names.
         :raises InputError: wrong shapes, coordinates that are not finite, numbers out of range, degenerate or duplicate elements,
-            unused nodes, opposite orientation, free edges that nearly coincide, a closed body inside out, an empty group;
-            six-node triangles that are folded, or have different nodes amid a common edge, or are to be repaired.
+            unused or repeated nodes, opposite orientation, free edges that nearly coincide, folds, a body inside out, empty groups.
         """
         xyz = check.as_points(points, where)
         corners = check.as_triangles(triangles, len(xyz), where)
@@ -109,10 +107,8 @@ class Mesh:
         loose = check.as_loose(loose_points, lines, line_groups, loose_groups, len(xyz), where)
         tolerance = _tolerance(xyz, corners, digit, join, where)
         mended: tuple[str, ...] = ()
-        middles = None if tri_middle is None else as_middles(tri_middle, corners, len(xyz), where)
+        middles = as_middles(tri_middle, corners, len(xyz), where, repair=repair)
         if repair:
-            if middles is not None:
-                raise InputError(f"{where}: meshes of six-node triangles cannot be repaired")
             done = mend(xyz, corners, node_members, None if open_seams else tolerance.same)
             loose = loose.renumbered(done.new_number, len(done.points), where)
             xyz, corners, mended = done.points, done.triangles, done.told
@@ -125,14 +121,11 @@ class Mesh:
             _all(len(corners)) | check.as_groups(tri_groups or {}, len(corners), "element", where),
             None if tri_warp is None else check.frozen(check.as_warp(tri_warp, area_vector, where)),
             mended,
-            loose.points,
-            loose.groups,
-            loose.lines,
-            loose.line_groups,
+            *loose.parts,
             tuple(notes),
             tolerance.same,
             check.as_fields(tri_fields or {}, len(corners), where),
-            None if middles is None else check.frozen(middles),
+            middles,
         )
         mesh.__dict__["_edges"] = table  # already computed here
         return mesh

@@ -109,6 +109,9 @@ def _loops(mesh: Mesh) -> tuple[Loop, ...]:
     graph = coo_matrix((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(len(nodes), len(nodes)))
     count, label = connected_components(graph, directed=False)
     length = np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
+    if mesh.order == 2:
+        curved = np.column_stack([edges, mesh.edge_middles[mesh.edge_table.tri_count == 1]])
+        length = quadratic.side_shares(mesh.points, curved).sum(axis=1)
     total = np.bincount(label[ends[:, 0]], weights=length, minlength=count)
     edge_count = np.bincount(label[ends[:, 0]], minlength=count)
     degree = np.bincount(ends.ravel(), minlength=len(nodes))

@@ -23,6 +23,7 @@ from pydantic import ValidationError
 
 from taichi_membrane import fields as tables
 from taichi_membrane.errors import InputError
+from taichi_membrane.mechanics.wall_search import Touched
 from taichi_membrane.mesh import Mesh, placed, with_added_nodes
 from taichi_membrane.mesh.check import frozen
 from taichi_membrane.names import Outcome
@@ -32,7 +33,6 @@ from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
-from taichi_membrane.solvers.walls import Touched
 
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 8
 SUMMARY, MESH = "summary.json", "mesh.vtu"

@@ -44,7 +44,8 @@ class Load(Record):
 
     ``kind``: ``total`` spreads a force over the nodes of a group, ``line`` is force per length along the mesh edges whose both
     ends are in the node group, ``area`` is force per area of an element group. ``direction`` need not be a unit vector.
-    ``spread`` of a total: ``equal`` shares, or by the length of ``edges`` or the ``area`` that belongs to each node.
+    ``spread`` of a total: ``equal`` shares, or by the length of ``edges`` or the ``area`` that belongs to each node. With six-node
+    triangles ``edges`` is what is even along a line: there two thirds of it act on the nodes amid sides.
     """
 
     kind: Literal["total", "line", "area"] = "total"

@@ -186,7 +186,6 @@ class Scene(Record):
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
         forming.check(self)
-        order.check(self)
         valves.check(self)
         for stage in self.stages:
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
@@ -241,6 +240,11 @@ class Scene(Record):
                 _known(probe.load, waters, f"probes.{name}.load", "a load of kind 'water'")
         if self.fabric is None and not self.fabrics:
             raise ValueError("fabric: a scene needs [fabric], or [fabrics.GROUP] for each element group")
+        return self
+
+    @model_validator(mode="after")
+    def _six_nodes(self) -> Self:
+        order.check(self)
         return self
 
     @property

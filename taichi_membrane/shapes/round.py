@@ -53,46 +53,37 @@ def tube(
     :param grade: lengths of the bands beside the rings ``start``, ``middle`` and ``end``, on caps too; from there they grow until
         they are as long as ``along`` even ones (:mod:`.grading`).
     :return: node groups ``start``, ``end``, ``middle`` (where a ring lies there, as with even ``along``), ``cap_start``,
-        ``cap_end`` (with their rims),
-        ``tip`` (pole of the end cap); element groups ``wall``, ``cap_start``, ``cap_end``. Warp runs along the axis,
-        on caps from the rim to the pole.
+        ``cap_end`` (with their rims), ``tip`` (pole of the end cap); element groups ``wall``, ``cap_start``, ``cap_end``. Warp runs
+        along the axis, on caps from the rim to the pole.
     """
-    radius = check_length("tube", "radius", radius)
-    length = check_length("tube", "length", length)
+    radius, length = check_length("tube", "radius", radius), check_length("tube", "length", length)
     _check_wall("tube", around, along, 1, pattern, order)
-    check_name("tube", "cap_start", cap_start, get_args(Cap))
-    check_name("tube", "cap_end", cap_end, get_args(Cap))
-
+    for name, cap_kind in (("cap_start", cap_start), ("cap_end", cap_end)):
+        check_name("tube", name, cap_kind, get_args(Cap))
     places = ring_places("tube", length, along, grade, ("start", "middle", "end"), pattern)
     along = len(places) - 1
     check_size("tube", 2 * around * (along + around))
     phases = _wall_phases(along, pattern, first=0)
     cosine, sine = _wall_directions(around, phases)
-    x = np.repeat(places, around)
-    points = np.column_stack((x, -radius * sine, radius * cosine))
+    points = np.column_stack((np.repeat(places, around), -radius * sine, radius * cosine))
     triangles = wall_triangles(around=around, along=along, pattern=pattern, first_phase=0)
     warp = np.tile([1.0, 0.0, 0.0], (len(triangles), 1))
     start = np.arange(around)
-    end = start + around * along
-    node_groups = {"start": start, "end": end}
+    node_groups = {"start": start, "end": start + around * along}
     if along % 2 == 0 and abs(places[along // 2] - 0.5 * length) <= 1e-9 * length:
         node_groups["middle"] = start + around * along // 2
     tri_groups = {"wall": np.arange(len(triangles))}
-    for name, kind, rim, phase, outwards in (
-        ("cap_start", cap_start, start, phases[0], -1),
-        ("cap_end", cap_end, end, phases[-1], 1),
-    ):
+    for end, kind, phase, outwards in (("start", cap_start, phases[0], -1), ("end", cap_end, phases[-1], 1)):
         if kind == "none":
             continue
-        first = (grade or {}).get(name.removeprefix("cap_"))
+        name, rim, first = f"cap_{end}", node_groups[end], (grade or {}).get(end)
         cap_points, cap = cap_of(kind, radius, Ring(around, int(phase)), outwards, first=first)
         cap_points[:, 0] += points[rim[0], 0]
         node_groups[name] = np.concatenate((rim, len(points) + np.arange(len(cap_points))))
         tri_groups[name] = len(triangles) + np.arange(len(cap))
         points = np.concatenate((points, cap_points))
         triangles = np.concatenate((triangles, node_groups[name][cap]))
-        to_pole = cap_points[-1] - points[node_groups[name][cap]].mean(axis=1)
-        warp = np.concatenate((warp, to_pole))
+        warp = np.concatenate((warp, cap_points[-1] - points[node_groups[name][cap]].mean(axis=1)))
     if cap_end != "none":
         node_groups["tip"] = node_groups["cap_end"][-1:]
     mesh = Mesh.build(points, triangles, node_groups, tri_groups, warp, where="tube")

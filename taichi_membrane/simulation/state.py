@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from taichi_membrane.arrays import Floats
-from taichi_membrane.solvers.walls import Touched
+from taichi_membrane.mechanics.wall_search import Touched
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

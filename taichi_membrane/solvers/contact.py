@@ -19,9 +19,10 @@ import numpy as np
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.touching import Touching
+from taichi_membrane.mechanics.wall_search import Touched
 from taichi_membrane.solvers.record import Reference, SolveRecord, force_now
 from taichi_membrane.solvers.relaxation import Relaxation
-from taichi_membrane.solvers.walls import Touched, WallContact
+from taichi_membrane.solvers.walls import WallContact
 
 # Halved so often, any gap is round-off. Friction, whose directions turn while they are found, may take more.
 _MOST_ROUNDS, _MOST_WITH_FRICTION = 50, 200

@@ -6,31 +6,17 @@ that the found ones would make are compared with those that were assumed: what h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from taichi_membrane.mechanics.preparation import Floats, Ints
+from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.mechanics.tangent import Tangent
 from taichi_membrane.mechanics.wall_crossing import crossings, passed
-from taichi_membrane.mechanics.wall_search import Search, couples
+from taichi_membrane.mechanics.wall_search import Search, Touched, couples
 
 # A side that reaches through another element by more than this share of its length has passed it. Sides of convex walls that are
 # met by others may cross by what their facets are off the smooth shape, which is h/(8 R) of a side h.
 THROUGH = 0.25
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Touched:
-    """What one load step hands to the next: of each node's two feelers, (node_count, 2).
-
-    :param partner: elements that they have, by their places among the walls', -1 where none.
-    :param push: contact forces.
-    """
-
-    partner: Ints
-    push: Floats
 
 
 class WallContact:

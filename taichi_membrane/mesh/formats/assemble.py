@@ -57,17 +57,8 @@ def assemble(source: Source, raw: RawMesh) -> MeshParts:
     notes = list(raw.notes)
     _check(source, raw)
     points, raw = _welded(raw)
-    triangles, tri_cell = _triangles(source, points, raw, notes)
-    six, six_cell = _of_kind(raw, "triangle6")
-    middles = None
-    if len(six):
-        if len(triangles):
-            told = (
-                f"{several(len(six), 'six-node triangle')} beside {several(len(triangles), 'triangle')} of three nodes"
-            )
-            raise source.fault(f"{told}: save elements of one kind")
-        triangles, middles, tri_cell = six[:, :3], six[:, [4, 5, 3]], six_cell
-    cells = triangles if middles is None else np.concatenate((triangles, middles), axis=1)
+    cells, tri_cell = _surface(source, points, raw, notes)
+    triangles, middles = cells[:, :3], cells[:, 3:] if cells.shape[1] == 6 else None
     lines, line_cell = _lines(raw)
     first = np.full(raw.cell_count, -1, dtype=np.int64)
     count = np.zeros(raw.cell_count, dtype=np.int64)
@@ -209,6 +200,19 @@ def _of_kind(raw: RawMesh, kind: str) -> tuple[Ints, Ints]:
             numbers.append(np.arange(offset, offset + len(block.nodes)))
         offset += len(block.nodes)
     return np.concatenate(nodes), np.concatenate(numbers)
+
+
+def _surface(source: Source, points: NDArray[np.float64], raw: RawMesh, notes: list[str]) -> tuple[Ints, Ints]:
+    """Triangles as of :func:`_triangles`, or six-node ones, corners first, then the nodes amid the sides opposite them.
+
+    :raises InputError: both kinds.
+    """
+    triangles, tri_cell = _triangles(source, points, raw, notes)
+    six, six_cell = _of_kind(raw, "triangle6")
+    if len(six) and len(triangles):
+        told = f"{several(len(six), 'six-node triangle')} beside {several(len(triangles), 'triangle')} of three nodes"
+        raise source.fault(f"{told}: save elements of one kind")
+    return (six[:, [0, 1, 2, 4, 5, 3]], six_cell) if len(six) else (triangles, tri_cell)
 
 
 def _lines(raw: RawMesh) -> tuple[Ints, Ints]:
