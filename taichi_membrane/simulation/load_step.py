@@ -386,10 +386,10 @@ class LoadStep:
 
     def _seen(self, a: PathPoint, b: PathPoint) -> Seen:
         """What is seen of the piece of the path between two points."""
-        first, second = self.way.of_point(a), self.way.of_point(b)
-        found = self.way.compare(first, second, self.policy.resolution)
+        found = self.way.compare(first := self.way.of_point(a), second := self.way.of_point(b), self.policy.nearer)
         rises = b.negative == 0 and b.factor - a.factor > self.policy.shortest
-        near = not rises or abs(second.stiffness or 0.0) >= self.policy.softening * abs(first.stiffness or 0.0)
+        softer, stiffer = sorted(abs(end.stiffness or 0.0) for end in (first, second))
+        near = not rises or softer >= self.policy.softening * stiffer
         return Seen(found.kind == "consistent" and near, found.slack, found.noise)
 
     def _progress(self, point: PathPoint) -> None:
