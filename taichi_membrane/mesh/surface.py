@@ -99,7 +99,7 @@ class Mesh:
         :param join, digit: repair joins nodes of free edges up to the first [length]; without it by the coordinates' last digit.
         :param lines, line_groups, loose_points, loose_groups, notes, tri_fields, tri_middle: as the fields of those names.
         :raises InputError: wrong shapes, coordinates that are not finite, numbers out of range, degenerate or duplicate elements,
-            unused or repeated nodes, opposite orientation, free edges that nearly coincide, folds, a body inside out, an empty group.
+            unused nodes, opposite orientation, free edges that nearly coincide, folds, a closed body inside out, an empty group.
         """
         xyz = check.as_points(points, where)
         corners = check.as_triangles(triangles, len(xyz), where)
