@@ -40,10 +40,11 @@ def sphere() -> Benchmark:
 
 
 def cylinder() -> Benchmark:
-    """The tube with caps."""
-    bounds = {"axial extension, small": 2e-5, "hoop extension, large": 2e-5, "axial extension, large": 1e-5}
-    bounds |= {"hoop stress, large": 5e-6}
-    return _of_six_nodes(pressure.cylinder(order=2), (2, 4, 8), bounds, {"axial extension, large": 3.0})
+    """The tube with caps; the small hoop extension, as large as the ring is out of round, is met the least."""
+    bounds = {"hoop extension, small": 6e-4, "axial extension, small": 2e-5, "hoop extension, large": 2e-5}
+    bounds |= {"axial extension, large": 1e-5, "hoop stress, large": 5e-6}
+    orders = {"hoop extension, small": 2.5, "axial extension, large": 3.0}
+    return _of_six_nodes(pressure.cylinder(order=2), (2, 4, 8), bounds, orders)
 
 
 def disc() -> Benchmark:
