@@ -152,6 +152,15 @@ def test_a_fall_to_another_branch_is_a_limit_once_it_is_looked_at_closely() -> N
     assert path_module._upper_bound(before, after, 0.0, at_floor=True) == pytest.approx(1.05)
 
 
+def test_from_a_stable_point_beside_a_bifurcation_the_load_goes_on_to_rise() -> None:
+    """A step across led to a branch along which it points back: walked on that way the load would fall, as beyond a limit."""
+    along, back = on_curve(0.5, 0.5, 2.0, 0.1), on_curve(0.5, 0.5, 2.0, -0.1)
+    assert along.rising() is along
+    assert back.slope() < 0.0
+    assert back.rising().slope() > 0.0
+    assert np.array_equal(back.rising().advance, along.advance)
+
+
 def test_a_wrinkling_tube_is_followed_in_growing_steps() -> None:
     """Where a step took few iterations the next one is longer: otherwise a collapse would cost thousands."""
     result = run(beam(0.03, 18.0, 1))

@@ -160,7 +160,7 @@ CASES = {
 
 @pytest.mark.parametrize(
     ("change", "case"),
-    [({"resolution": 10.0, "soft": 0.0}, "beam")],
+    [({"resolution": 10.0, "nearer": 10.0, "soft": 0.0}, "beam")],
 )
 def test_without_its_rules_the_policy_judges_wrong(
     change: dict[str, Any], case: str, monkeypatch: pytest.MonkeyPatch

@@ -192,17 +192,17 @@ class Way:
     def stable_share(self, rest: Rest, resolution: float) -> tuple[float, float | None] | None:
         """Bounds, at ``resolution``, of the share up to which a stable equilibrium that stays is stable; 1 and None at all.
 
-        None where a tangent is singular: nothing is known of stability there.
+        None where the tangent at the end is singular: nothing is known of stability there.
         """
         lower, upper = rest.share, 1.0
         negative = self._negative(rest, upper)
-        if negative == 0:
-            return 1.0, None
-        while negative is not None and upper - lower > resolution * self.load(upper):
+        if not negative:
+            return None if negative is None else (1.0, None)
+        while upper - lower > resolution * self.load(upper):
             middle = 0.5 * (lower + upper)
-            negative = self._negative(rest, middle)
-            lower, upper = (middle, upper) if negative == 0 else (lower, middle)
-        return None if negative is None else (lower, upper)
+            # Singular is where stability is lost.
+            lower, upper = (middle, upper) if self._negative(rest, middle) == 0 else (lower, middle)
+        return lower, upper
 
     def _negative(self, rest: Rest, share: float) -> int | None:
         """Negative eigenvalues of the tangent where an equilibrium stays at another share; None where it is singular."""

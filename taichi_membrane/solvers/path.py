@@ -64,6 +64,15 @@ class PathPoint:
         """Distance along the tangent in which the load factor changes so much."""
         return abs(change) * float(np.linalg.norm(self.tangent))
 
+    def rising(self) -> PathPoint:
+        """This stable point, to go on from with rising load.
+
+        Beside a bifurcation a step may have led across, onto a branch along which its own direction points back.
+        """
+        if float(np.vdot(self.tangent, self.advance)) >= 0.0:
+            return self
+        return replace(self, advance=self.tangent * (np.linalg.norm(self.advance) / np.linalg.norm(self.tangent)))
+
     def slope(self) -> float:
         """dλ/ds along the direction of travel."""
         length = float(np.linalg.norm(self.tangent))
@@ -295,7 +304,7 @@ def follow(
             highest = max(highest, point.factor)
             if point.factor >= target:
                 return PathEnd("target", last, point, iterations=spent)
-            last, length = point, longer
+            last, length = point.rising(), longer
             continue
         upper = _upper_bound(last, point, slack, at_floor=moved <= least)
         narrow = upper is not None and upper - last.factor <= _BRACKET * target
