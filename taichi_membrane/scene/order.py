@@ -22,6 +22,7 @@ def check(scene: Scene) -> None:
         if isinstance(load, SnowLoad | WaterLoad):
             raise ValueError(f"loads.{name}: kind = {load.kind!r} {told}")
     if scene.touchable:
-        raise ValueError(f"{'planes' if scene.planes else 'obstacles'}: contact {told}")
+        where = "planes" if scene.planes else "obstacles" if scene.obstacles else "contact"
+        raise ValueError(f"{where}: contact {told}")
     if scene.forms:
         raise ValueError(f"stages.{scene.stages[0].name}: form finding {told}")
