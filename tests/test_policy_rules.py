@@ -78,6 +78,18 @@ def test_a_smooth_step_is_taken_at_once_where_halfway_is_as_foreseen(
     assert 1.0 + result.steps[-1].probes["tent"] == pytest.approx(height_at(0.9), rel=1e-4)
 
 
+@pytest.mark.parametrize("rise", [4.0, 6.0])
+def test_a_snap_within_a_curved_step_is_not_foreseen(rise: float) -> None:
+    """A small tent snaps through at 0.53 N beside a big one whose λ(P) is curved: a twentieth of ΔP, and more."""
+    both = Parts().tent("big", 1.0, 1.0).tent("small", 0.53, rise, at=(30.0, 0.0, 0.0))
+    result = both.run(loads(big=borne(3.0), small=0.0) | {"steps": 8}, loads(big=0.9, small=1.0))
+    assert result.outcome == "collapse"
+    limit = result.steps[-1].limit
+    assert limit is not None
+    assert limit["load.small"][0] <= 0.53 + 1e-4
+    assert limit["load.small"][1] >= 0.53 - 1e-4
+
+
 def test_a_cubic_that_snaps_through_is_not_foreseen() -> None:
     """Halfway on it lies an equilibrium, an unstable one: the limit is found all the same."""
     result = tent().run(loads(tent=borne(3.0)) | {"steps": 8}, loads(tent=1.2))

@@ -64,7 +64,7 @@ class Policy:
         its regular ΔP = Δλ/s, a nineteenth: smaller snaps, of single wrinkles, are below what a result resolves. At 0.1 one of 381
         verdict runs missed a limit; a sixth fewer iterations. λ ~ P³, the way a flat sheet stiffens, has |e| = 1/6 from its start
         and is cut once or twice; a collapse has ½ … 1: its verdict does not hang on it. A part that is only curved is not cut where
-        a look halfway, which costs a solution, finds the structure where both ends foretell (:meth:`.Way.foreseen`).
+        a look halfway, which costs a factorisation, finds the structure stable and as both ends foretell (:meth:`.Way.foreseen`).
     :param nearer: the same between points of a path, which cost less than ends of load control and is where limits are. At 0.05 a
         beam with its valve shut, followed in one step, passed a limit 3 % below the one it told.
     :param soft: share of the stiffest s met on the same course below which load control is not tried: Newton's steps grow as 1/s,

@@ -245,37 +245,33 @@ class Way:
         return Comparison("jump" if secant < min(a.stiffness, b.stiffness) else "curved", slack, noise)
 
     def foreseen(self, a: Rest, b: Rest, resolution: float) -> bool:
-        """Whether halfway between two equilibria the structure is where their tangents say, to ``resolution`` of the load.
+        """Whether halfway between two equilibria the structure is stable and where their tangents say, to ``resolution`` of ΔP.
 
-        On the cubics u(P) and λ(P) that leave ``a`` and come to ``b`` along their tangents, free forces r are left halfway, which
-        are δλ = s f·K⁻¹r of the load. A smooth path leaves (ΔP)⁴ of it; a jump J anywhere in between leaves s J/2, as halfway the
-        cubics have gone half of it. Nothing is told where the cubic λ(P) is softer in between than at both ends, as it is where the
-        structure snaps through.
+        On the cubics u(P) and λ(P) that leave ``a`` and come to ``b`` along their tangents, free forces r are left halfway, and the
+        structure is f·K⁻¹r of the load displacement from equilibrium. A smooth path leaves (ΔP)⁴ of it; a jump J in between
+        leaves J/2, as halfway the cubics have gone half of it. Nothing is told where the cubic λ(P) is softer in between than at
+        both ends, as it is where the structure snaps through, or stiffer, as where a snap begins at the limit itself.
         """
         if not self.linear or self.system.contacts or a.stiffness is None or b.stiffness is None:
             return False
         assert a.tangent is not None
         assert b.tangent is not None
-        factor, position = self.newton.at_rest(), self.system.displacement()
-        if factor is None:
-            return False
         whole = self._load_displacement(a, b)
         # λ' is s_a (1 - x) + s_b x + bend x (1 - x), with the secant for its mean.
-        bend = 6.0 * ((b.share - a.share) / whole - 0.5 * (a.stiffness + b.stiffness)) if whole != 0.0 else -np.inf
-        if abs(b.stiffness - a.stiffness) < -bend:
+        bend = 6.0 * ((b.share - a.share) / whole - 0.5 * (a.stiffness + b.stiffness)) if whole != 0.0 else np.inf
+        if abs(b.stiffness - a.stiffness) < abs(bend):
             return False
+        position = self.system.displacement()
         step = 0.5 * self.system.difference(a.position, b.position)
         step += 0.125 * whole * (a.stiffness * a.tangent - b.stiffness * b.tangent)
-        middle = 0.5 * (a.share + b.share) + 0.125 * whole * (a.stiffness - b.stiffness)
         self.system.set_displacement(self.system.retract(a.position, step))
-        self.press(middle)
-        left = factor.solve(self.newton.free_force())
+        self.press(0.5 * (a.share + b.share) + 0.125 * whole * (a.stiffness - b.stiffness))
+        factor, left = self.newton.factorised(indefinite=True), self.newton.free_force()
+        stable = factor is not None and factor.negative == 0
+        off = np.inf if factor is None else abs(float(np.vdot(0.5 * (a.force + b.force), factor.solve(left))))
         self.system.set_displacement(position)
         self.press(b.share)
-        now = a if np.array_equal(position, a.position) else b
-        assert now.stiffness is not None
-        off = abs(now.stiffness * float(np.vdot(now.force, left)))
-        return off <= 0.5 * resolution * max(abs(a.stiffness), abs(b.stiffness)) * abs(whole)
+        return stable and off <= 0.5 * resolution * abs(whole)
 
     def _load_displacement(self, a: Rest, b: Rest) -> float:
         """ΔP = ∫ f · du along the chord, by Simpson's rule.
