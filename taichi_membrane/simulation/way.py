@@ -243,9 +243,8 @@ class Way:
     def told(self, a: Rest, b: Rest, policy: Policy) -> Kind:
         """How two ends of a part of the way compare; where that can't tell whether it is smooth, halfway between them may."""
         found = self.compare(a, b, policy.resolution)
-        largest = policy.parted if a.alike(b, policy.softening) else policy.resolution
-        parted = found.kind == "consistent" and found.spread > largest and self.looks
-        if found.kind != "curved" and not parted:
+        doubtful = found.spread > policy.parted or not a.alike(b, policy.softening)
+        if found.kind != "curved" and not (found.kind == "consistent" and doubtful and self.looks):
             return found.kind
         return "consistent" if self.foreseen(a, b, policy.resolution) else "curved"
 
