@@ -17,6 +17,7 @@ from taichi_membrane.output.tables import (
     Column,
     check_columns,
     error_text,
+    layer_lines,
     stability_notes,
     step_columns,
     tolerance_text,
@@ -30,6 +31,7 @@ from taichi_membrane.simulation.chambers import surfaces
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.results import RunResult
 from taichi_membrane.simulation.solver_choice import without_potential
+from taichi_membrane.simulation.told_layers import told_layers
 from taichi_membrane.simulation.warp import least_angle
 
 _GAP = 2  # blanks between columns
@@ -48,6 +50,8 @@ def print_run(console: Console, result: RunResult) -> None:
         _print_wrapped(console, "balance", line)
     for line in wall_lines(result):
         _print_wrapped(console, "contact", line)
+    for line in layer_lines(result.layers, result.scene.units.length):
+        _print_wrapped(console, "layer", line)
     _print_at_rest(console, result)
     _print_unknown(console, result)
     if result.checks:
@@ -267,6 +271,7 @@ def print_model(console: Console, model: Model, compiled_in: Sequence[str], left
             if item.direction is None
         ),
         *([] if scene.contact is None else [("contact", f"of walls with each other: {_grouped(scene.contact.group)}")]),
+        *(("layers", line) for line in layer_lines(told_layers(model), units.length)),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         ("probes", ", ".join(scene.probes) or "none"),
         ("checks", str(len(scene.checks)) if scene.checks else "none"),

@@ -190,9 +190,9 @@ def _carry_out(
         raise  # a file that cannot be written, so nothing more is
     except BaseException:
         # Also after Ctrl-C: what was computed is judged, drawn and kept.
-        _finish(replace(result, outcome=work.outcome), writer, clock, render=settings.render)
+        _finish(replace(result, outcome=work.outcome), work.model, writer, clock, render=settings.render)
         raise
-    return _finish(replace(result, outcome=work.outcome), writer, clock, render=settings.render)
+    return _finish(replace(result, outcome=work.outcome), work.model, writer, clock, render=settings.render)
 
 
 def _writer(
@@ -252,6 +252,7 @@ def _result(saved: SavedRun) -> RunResult:
         seconds=saved.seconds,
         provenance=saved.provenance,
         outcome=saved.outcome,
+        layers=saved.layers,
         directory=saved.directory,
         files=saved.files,
     )
@@ -271,11 +272,13 @@ def _refuse_other_bits(saved: SavedRun, provenance: dict[str, Any]) -> None:
             )
 
 
-def _finish(result: RunResult, writer: Writer | None, clock: Clock, *, render: bool) -> RunResult:
-    """Judge the checks, draw the pictures and write the final summary."""
+def _finish(result: RunResult, model: Model, writer: Writer | None, clock: Clock, *, render: bool) -> RunResult:
+    """Judge the checks and the mesh, draw the pictures and write the final summary."""
     from taichi_membrane.simulation import probes
+    from taichi_membrane.simulation.told_layers import told_layers
 
-    result = replace(result, checks=probes.run_checks(result.scene, result.steps))
+    checks = probes.run_checks(result.scene, result.steps)
+    result = replace(result, checks=checks, layers=told_layers(model, result.steps))
     if writer is None or not result.steps:
         return result
     if render:

@@ -10,9 +10,11 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_label, driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.policy import told
-from taichi_membrane.simulation.results import CheckResult, StepResult
+from taichi_membrane.simulation.results import COARSEST, CheckResult, Layer, LayerSide, StepResult
 
 _ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
+
+UNRESOLVED = f"not resolved (h/l above {COARSEST:g}): an error estimate does not contain it"
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,28 @@ def stability_notes(steps: Sequence[StepResult]) -> list[tuple[str, str]]:
             which = f"load step {numbers[0]}" if len(numbers) == 1 else f"load steps {numbers[0]} to {numbers[-1]}"
             notes.append((f"{verdict} of {which}" if verdict == "not told" else which, why))
     return notes
+
+
+def layer_lines(layers: Sequence[Layer], unit: str) -> list[str]:
+    """What a mesh does with boundary layers, a line for all lines of one kind: that whose elements are longest for their layer."""
+    kinds: dict[tuple[str, ...], list[Layer]] = {}
+    for layer in layers:
+        kinds.setdefault(layer.causes, []).append(layer)
+    lines = []
+    for causes, found in kinds.items():
+        worst = max(found, key=lambda one: max((side.ratio or 0.0 for side in one.sides), default=0.0))
+        count = f" ({len(found)} lines)" if len(found) > 1 else ""
+        text = f"{', '.join(causes)}{count}: {'; '.join(_layer_side(side, unit) for side in worst.sides)}"
+        lines.append(f"{text}. WARNING: {UNRESOLVED}" if worst.resolved is False else text)
+    return lines
+
+
+def _layer_side(side: LayerSide, unit: str) -> str:
+    """One side of a line in words."""
+    size = f"{side.side} h = {side.size:.3g} {unit}"
+    if side.length is None or side.ratio is None:
+        return f"{size}, l unknown ({side.unknown})"
+    return f"{size}, l = {side.length:.3g} {unit}, h/l = {side.ratio:.2g}"
 
 
 def number_column(name: str, unit: str, values: list[float]) -> Column:

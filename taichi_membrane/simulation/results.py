@@ -190,6 +190,55 @@ class CheckResult:
     passed: bool
 
 
+# Sizes of elements over the length of a layer above which a mesh does not see it.
+COARSEST = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayerSide:
+    """The boundary layer on one side of a line.
+
+    :param side: element group on this side, with a direction where another side lies in the same.
+    :param size: median height over the line of the elements beside it, at rest [length].
+    :param length: distance over which a disturbance decays [length]; None where it is not known, and ``unknown`` says why.
+    """
+
+    side: str
+    size: float
+    length: float | None
+    unknown: str = ""
+
+    @property
+    def ratio(self) -> float | None:
+        """Size over length; None where that is not known."""
+        return None if self.length is None else self.size / self.length if self.length > 0.0 else float("inf")
+
+    @property
+    def resolved(self) -> bool | None:
+        """Whether elements are short enough to see the layer; None where that is not known."""
+        return None if self.ratio is None else self.ratio <= COARSEST
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layer:
+    """A line of the mesh beside which the wall is disturbed, and the layers on its sides.
+
+    :param causes: what disturbs it, in words such as ``start held``.
+    :param place: mean of its nodes at rest.
+    """
+
+    causes: tuple[str, ...]
+    edge_count: int
+    place: tuple[float, ...]
+    sides: tuple[LayerSide, ...]
+
+    @property
+    def resolved(self) -> bool | None:
+        """Whether the layers of all sides are resolved, as far as they are known; None where none is."""
+        known = [side.resolved for side in self.sides if side.resolved is not None]
+        return all(known) if known else None
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """What a run is asked for beside its scene; see :func:`taichi_membrane.run`."""
@@ -207,6 +256,7 @@ class RunResult:
     :param seconds: time per phase: ``setup``, ``compile``, ``solve``, ``output``, ``render``.
     :param provenance: versions, back end and precision that really ran.
     :param outcome: how the run ended.
+    :param layers: of all lines beside which the wall is disturbed, how long boundary layers are and whether the mesh resolves them.
     :param directory: where files were written; None when none were.
     """
 
@@ -217,6 +267,7 @@ class RunResult:
     seconds: dict[str, float]
     provenance: dict[str, Any]
     outcome: Outcome = "interrupted"
+    layers: tuple[Layer, ...] = ()
     directory: Path | None = None
     files: tuple[Path, ...] = field(default=())
 
