@@ -10,7 +10,7 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_label, driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.policy import told
-from taichi_membrane.simulation.results import COARSEST, CheckResult, Layer, LayerSide, StepResult
+from taichi_membrane.simulation.results import COARSEST, CheckResult, Estimate, Layer, LayerSide, StepResult
 
 _ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
 
@@ -138,6 +138,36 @@ def _layer_side(side: LayerSide, unit: str) -> str:
     if side.length is None or side.ratio is None:
         return f"{size}, l unknown ({side.unknown})"
     return f"{size}, l = {side.length:.3g} {unit}, h/l = {side.ratio:.2g}"
+
+
+def estimate_columns(scene: Scene, estimate: Estimate) -> list[Column]:
+    """The table of error estimates: both values of each probe, and what they tell of the error of the first."""
+    rows = [(step, name, one) for step in estimate.steps for name, one in step.probes.items()]
+    units = [probe_unit(scene, name) if name in scene.probes else "" for _, name, _ in rows]
+    shares = [100.0 * one.error / abs(one.value) if one.value else None for _, _, one in rows]
+    return [
+        Column("probe", [name for _, name, _ in rows]),
+        Column("at", [f"{step.stage} {step.stage_step}" for step, _, _ in rows]),
+        Column("value", [with_unit(one.value, unit) for (_, _, one), unit in zip(rows, units, strict=True)]),
+        Column("mesh cut in four", [f"{one.fine:.6g}" for _, _, one in rows]),
+        Column("estimated error", [f"{one.error:+.2g}" for _, _, one in rows]),
+        Column("of the value", ["-" if share is None else f"{share:+.2g} %" for share in shares]),
+        Column("order taken", [f"{one.order:g}" for _, _, one in rows]),
+    ]
+
+
+def estimate_notes(estimate: Estimate, layers: Sequence[Layer]) -> list[str]:
+    """Of which load steps errors are not known, and why; and what the estimates do not contain."""
+    notes = [f"unknown at {one.stage} {one.stage_step}: {one.unknown}" for one in estimate.steps if one.unknown]
+    if not any(step.probes for step in estimate.steps):
+        return notes
+    left_out = [f"the estimates do not contain {words}" for words in estimate.left_out]
+    missed = [", ".join(causes) for causes in dict.fromkeys(one.causes for one in layers if one.resolved is False)]
+    if missed:
+        left_out.append(
+            f"WARNING: the estimates do not contain what layers that are not resolved do ({'; '.join(missed)})"
+        )
+    return notes + left_out
 
 
 def number_column(name: str, unit: str, values: list[float]) -> Column:
