@@ -80,6 +80,7 @@ def _print_estimate(console: Console, result: RunResult) -> None:
     if result.estimate is None:
         return
     if any(step.probes for step in result.estimate.steps):
+        _print_plain(console, f"errors estimated by the mesh cut in four ({result.estimate.tri_count} elements)")
         _print_table(console, estimate_columns(result.scene, result.estimate))
     for note in estimate_notes(result.estimate, result.layers):
         _print_wrapped(console, "errors", note)

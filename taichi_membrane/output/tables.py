@@ -141,7 +141,7 @@ def _layer_side(side: LayerSide, unit: str) -> str:
 
 
 def estimate_columns(scene: Scene, estimate: Estimate) -> list[Column]:
-    """The table of error estimates: both values of each probe, and what they tell of the error of the first."""
+    """The table of error estimates: each probe on its own mesh and on that cut in four, and the error that these tell."""
     rows = [(step, name, one) for step in estimate.steps for name, one in step.probes.items()]
     units = [probe_unit(scene, name) if name in scene.probes else "" for _, name, _ in rows]
     shares = [100.0 * one.error / abs(one.value) if one.value else None for _, _, one in rows]
@@ -149,9 +149,9 @@ def estimate_columns(scene: Scene, estimate: Estimate) -> list[Column]:
         Column("probe", [name for _, name, _ in rows]),
         Column("at", [f"{step.stage} {step.stage_step}" for step, _, _ in rows]),
         Column("value", [with_unit(one.value, unit) for (_, _, one), unit in zip(rows, units, strict=True)]),
-        Column("mesh cut in four", [f"{one.fine:.6g}" for _, _, one in rows]),
-        Column("estimated error", [f"{one.error:+.2g}" for _, _, one in rows]),
-        Column("of the value", ["-" if share is None else f"{share:+.2g} %" for share in shares]),
+        Column("cut in four", [f"{one.fine:.6g}" for _, _, one in rows]),
+        Column("error", [f"{one.error:+.2g}" for _, _, one in rows]),
+        Column("", ["-" if share is None else f"{share:+.2g} %" for share in shares]),
         Column("order taken", [f"{one.order:g}" for _, _, one in rows]),
     ]
 

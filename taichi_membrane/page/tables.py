@@ -98,7 +98,7 @@ def _errors(result: RunResult) -> Table:
     note = ". ".join(
         ["Load steps solved again on the mesh cut in four", *estimate_notes(result.estimate, result.layers)]
     )
-    return Table("errors", "Estimated errors", [column.header for column in columns], rows, None, f"{note}.")
+    return Table("errors", "Estimated errors", [column.header or "share" for column in columns], rows, None, f"{note}.")
 
 
 def _layers(result: RunResult) -> Table:

@@ -195,8 +195,10 @@ def _order(model: Model, name: str, found: StepResult) -> float:
 
 
 def _even(model: Model, group: str) -> bool:
-    """Whether the mean over a group's nodes is that along closed lines, or of nodes apart."""
+    """Whether the mean over a group's nodes is that along closed lines, of nodes apart, or of a whole closed surface."""
     mesh = model.structure.mesh
+    if mesh.is_closed and len(mesh.node_groups[group]) == mesh.node_count:
+        return True
     inside = np.zeros(mesh.node_count, dtype=bool)
     inside[mesh.node_groups[group]] = True
     edges = mesh.edges()
