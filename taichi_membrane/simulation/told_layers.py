@@ -59,11 +59,12 @@ def told_layers(model: Model, steps: Sequence[StepResult] = ()) -> tuple[Layer, 
         state = _State(mesh.points + ended[-1].displacement, None, ended[-1])
     else:
         state = _State(mesh.points, _largest_pressure(model), None)
+    groups = {name: _marks(members, mesh.tri_count) for name, members in mesh.tri_groups.items()}
     found = []
     for causes, line in _lines(model, state.points):
         sides = tuple(
             _side(structure, line, side, name, state)
-            for side, name in zip(line.sides, _names(line, line.sides), strict=True)
+            for side, name in zip(line.sides, _names(line, groups), strict=True)
         )
         place = mesh.points[mesh.edge_table.nodes[line.edges]].mean(axis=(0, 1))
         found.append(Layer(causes=causes, edge_count=len(line.edges), place=tuple(place.tolist()), sides=sides))
@@ -105,7 +106,7 @@ def _disturbed(model: Model, points: Floats) -> dict[str, Marks]:
             causes[f"loaded by {name}"] = _across(mesh, mesh.node_groups[load.group], np.abs(normal @ direction))
     for name, members in mesh.tri_groups.items():
         if name.startswith("cap_"):
-            causes[f"joins {name}"] = surface_lines.between(mesh, _label(mesh, members))
+            causes[f"joins {name}"] = surface_lines.between(mesh, _marks(members, mesh.tri_count).astype(np.int8))
     alike = np.array([structure.fabrics.index(one) for one in structure.fabrics])
     causes["fabrics meet"] = surface_lines.between(mesh, alike[structure.tri_fabric])
     for number, name in enumerate(scene.cables):
@@ -115,11 +116,11 @@ def _disturbed(model: Model, points: Floats) -> dict[str, Marks]:
     return causes
 
 
-def _label(mesh: Mesh, members: NDArray[np.integer]) -> NDArray[np.int8]:
-    """(tri_count,) 1 of members, 0 of others."""
-    label = np.zeros(mesh.tri_count, dtype=np.int8)
-    label[members] = 1
-    return label
+def _marks(members: NDArray[np.integer], count: int) -> Marks:
+    """(count,) True of members."""
+    marked = np.zeros(count, dtype=bool)
+    marked[members] = True
+    return marked
 
 
 def _held(structure: Structure, normal: Floats) -> Floats:
@@ -155,16 +156,14 @@ def _under_cable(model: Model, number: int) -> Marks:
     return np.isin(*keys)
 
 
-def _names(line: SurfaceLine, sides: Sequence[LineSide]) -> list[str]:
-    """The smallest element group that each side lies in, with the direction in which it lies where two have one group."""
-    mesh, names = line.mesh, []
-    for side in sides:
-        held = [
-            (len(members), name == "all", name)
-            for name, members in mesh.tri_groups.items()
-            if np.isin(side.triangles, members).all()
-        ]
-        names.append(min(held)[2])
+def _names(line: SurfaceLine, groups: Mapping[str, Marks]) -> list[str]:
+    """The smallest element group that each side lies in, with the direction in which it lies where two have one group.
+
+    :param groups: (tri_count,) members of the element groups.
+    """
+    mesh, sides = line.mesh, line.sides
+    sizes = {name: (len(mesh.tri_groups[name]), name == "all", name) for name in groups}
+    names = [min(sizes[name] for name, inside in groups.items() if inside[side.triangles].all())[2] for side in sides]
     told = []
     for side, name in zip(sides, names, strict=True):
         away = line.across(side, mesh.points).mean(axis=0)
@@ -226,7 +225,9 @@ def _stiffness(structure: Structure, line: SurfaceLine, side: LineSide) -> Float
 def _angle(structure: Structure, triangles: NDArray[np.integer], direction: Floats) -> tuple[Floats, Floats]:
     """Cosine and sine of the angle from the warp of triangles to unit vectors in them."""
     warp = structure.tri_warp[triangles]
-    normal = structure.mesh.tri_normals()[triangles]
+    corners = structure.points[structure.mesh.triangles[triangles]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     warp = warp - np.einsum("ij,ij->i", warp, normal)[:, None] * normal
     warp /= np.linalg.norm(warp, axis=1, keepdims=True)
     return np.einsum("ij,ij->i", warp, direction), np.einsum("ij,ij->i", np.cross(normal, warp), direction)
