@@ -15,3 +15,6 @@ STATE_NAMES = ("taut", "wrinkled", "slack")
 # How a run ended: all stages done; stopped at the largest stable load; a stage that should have met that load did not; a stage
 # along the path took all its steps and did not come to its loads; stopped without equilibrium; stopped from outside.
 Outcome = Literal["finished", "collapse", "no collapse", "steps used up", "not converged", "interrupted"]
+
+# Which load steps of a run are solved again on a finer mesh.
+EstimatedSteps = Literal["", "last", "all"]

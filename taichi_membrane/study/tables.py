@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -76,7 +76,7 @@ def _json(study: Study) -> str:
         "varied": list(plan.varied),
         "fixed": dict(plan.cases[0].fixed),
         "probes": {probe: plan.unit(probe) for probe in plan.probes},
-        "reference": plan.reference,
+        "reference": dict(plan.reference) if isinstance(plan.reference, Mapping) else plan.reference,
         "runs": [_run_record(run) for run in study.runs],
         "measurements": [_row_record(row) for row in study.rows],
         "convergence": [_convergence_record(item) for item in study.convergences],
@@ -163,7 +163,7 @@ def convergence_text(item: Convergence) -> str:
         found = item.extrapolation
         words.append(f"Richardson on the three finest meshes: order {found.order:.2f}, limit {found.value:.8g}.")
     else:
-        words.append(f"No extrapolation: {item.no_extrapolation}.")
+        words.append(f"No limit by extrapolation: {item.no_extrapolation}.")
     return " ".join(words)
 
 
