@@ -25,6 +25,7 @@ from taichi_membrane.output.tables import (
 from taichi_membrane.scene import Cable, Fabric, Scene, Spring, Stage, Units
 from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, friction_words, stage_values
 from taichi_membrane.scene.element_field import ElementField, given_text
+from taichi_membrane.scene.texts import Conversion
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.chambers import surfaces
 from taichi_membrane.simulation.model import Model
@@ -221,15 +222,28 @@ def _print_wrapped(console: Console, label: str, text: str) -> None:
     _print_plain(console, "\n".join(lines))
 
 
-def print_model(console: Console, model: Model, compiled_in: Sequence[str], left_out: Sequence[str]) -> None:
-    """Print what a scene amounts to: sizes, groups, fabrics, what acts, what is compiled in."""
+def print_model(
+    console: Console,
+    model: Model,
+    compiled_in: Sequence[str],
+    left_out: Sequence[str],
+    conversions: Sequence[Conversion] = (),
+) -> None:
+    """Print what a scene amounts to: units, sizes, groups, fabrics, what acts, what is compiled in.
+
+    :param conversions: the texts with a unit of their own that the scene was written with.
+    """
     scene, mesh = model.scene, model.structure.mesh
     units = scene.units
     closed = f"closed, volume {mesh.enclosed_volume():.6g} {units.volume}" if mesh.is_closed else "open"
     area = f"area {mesh.tri_areas().sum():.6g} {units.area}"
     lines = [
         ("scene", f"{scene.name}: {scene.title}" if scene.title else scene.name),
-        ("units", f"{units.length}, {units.force}, stress and pressure in {units.stress}"),
+        (
+            "units",
+            f"{units.length}, {units.force}, stress and pressure in {units.stress}, force per width in {units.resultant}",
+        ),
+        *(("converted", f"{one.key}: {one.text} is {with_unit(one.value, one.unit)}") for one in conversions),
         ("mesh", f"{scene.mesh.shape}: {mesh.node_count} nodes, {mesh.tri_count} elements, {area}, {closed}"),
         *(("mended", line) for line in mesh.mended),
         *(("noted", line) for line in mesh.notes),
@@ -337,18 +351,20 @@ def _fabric_lines(scene: Scene) -> list[str]:
 
 
 def _fabric_line(scene: Scene, fabric: Fabric) -> str:
-    stress = scene.units.stress
-    if fabric.E is not None:
-        moduli = f"E = {fabric.E:g} {stress}, nu = {fabric.nu:g}"
+    stress, (whole, warp, weft, shear) = scene.field_units.fabric_stress, fabric.moduli_keys
+    if fabric.isotropic:
+        moduli = f"{whole} = {fabric.warp_modulus:g} {stress}, nu = {fabric.nu:g}"
     else:
         moduli = (
-            f"E_warp = {fabric.warp_modulus:g}, E_weft = {fabric.weft_modulus:g}, G = {fabric.shear_modulus:g} {stress}, "
+            f"{warp} = {fabric.warp_modulus:g}, {weft} = {fabric.weft_modulus:g}, {shear} = {fabric.shear_modulus:g} {stress}, "
             f"nu = {fabric.nu:g}"
         )
-    prestress = f", prestress [{given_text(fabric.prestress)}] {stress}" if fabric.prestressed else ""
+    prestress = (
+        f", {fabric.prestress_key} [{given_text(fabric.given_prestress)}] {stress}" if fabric.prestressed else ""
+    )
     expansion = f", expansion [{given_text(fabric.expansion)}] 1/K" if any(fabric.expansion) else ""
-    thickness = f"thickness {given_text(fabric.thickness)} {scene.units.length}"
-    return f"{moduli}, {thickness}, wrinkling law {fabric.law}{prestress}{expansion}"
+    thickness = "" if fabric.thickness is None else f", thickness {given_text(fabric.thickness)} {scene.units.length}"
+    return f"{moduli}{thickness}, wrinkling law {fabric.law}{prestress}{expansion}"
 
 
 def _range_lines(model: Model) -> list[str]:
@@ -360,11 +376,13 @@ def _range_lines(model: Model) -> list[str]:
         if isinstance(fabric.thickness, ElementField) and members.any():
             values = structure.thickness[members]
             found.append(f"{group}: thickness from {values.min():g} to {values.max():g} {units.length}")
-        if isinstance(fabric.prestress, ElementField) and members.any():
+        if isinstance(fabric.given_prestress, ElementField) and members.any():
             low, high = (getattr(structure.prestress[members], which)(axis=0) for which in ("min", "max"))
             named = zip(("warp", "weft", "shear"), low, high, strict=True)
             found.append(
-                f"{group}: prestress " + ", ".join(f"{k} {a:g} to {b:g}" for k, a, b in named) + f" {units.stress}"
+                f"{group}: {fabric.prestress_key} "
+                + ", ".join(f"{k} {a:g} to {b:g}" for k, a, b in named)
+                + f" {model.scene.field_units.fabric_stress}"
             )
         least = least_angle(model.scene, structure.mesh, structure.tri_fabric, number)
         if least is not None:

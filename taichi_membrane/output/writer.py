@@ -326,8 +326,8 @@ def _field_notes(scene: Scene, *, cables: bool) -> dict[str, dict[str, Any]]:
         field.name: {
             "arrays": field.arrays,
             "place": field.place,
-            "meaning": field.meaning,
-            "unit": getattr(scene.units, field.unit) if field.unit else "",
+            "meaning": field.words(scene.field_units),
+            "unit": getattr(scene.field_units, field.unit) if field.unit else "",
             **({"measure": f"{field.measure}: {fields.MEASURES[field.measure]}"} if field.measure else {}),
         }
         for field in fields.of(scene.extra_fields)

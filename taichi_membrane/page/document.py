@@ -117,13 +117,13 @@ def _facts(result: RunResult) -> str:
     if steps:
         moved = [np.linalg.norm(step.displacement, axis=1) for step in steps]
         far = int(np.argmax([lengths.max() for lengths in moved]))
-        stressed = int(np.argmax([step.elements.major_stress.max() for step in steps]))
-        stress = steps[stressed].elements.major_stress
-        node, element = int(moved[far].argmax()), int(stress.argmax())
+        strained = int(np.argmax([step.elements.major_resultant.max() for step in steps]))
+        force = steps[strained].elements.major_resultant
+        node, element = int(moved[far].argmax()), int(force.argmax())
         distance = with_unit(float(moved[far][node]), scene.units.length)
-        largest = with_unit(float(stress[element]), scene.units.stress)
+        largest = with_unit(float(force[element]), f"{scene.units.resultant} Cauchy")
         facts += [
             ("largest displacement", f"{distance}, step {steps[far].number}, node {node}"),
-            ("largest stress", f"{largest}, step {steps[stressed].number}, element {element}"),
+            ("largest resultant", f"{largest}, step {steps[strained].number}, element {element}"),
         ]
     return "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>" for name, text in facts)

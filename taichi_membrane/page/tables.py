@@ -140,13 +140,14 @@ def _fabrics(result: RunResult) -> Table:
     scene = result.scene
     default = {} if scene.fabric is None else {"all others" if scene.fabrics else "all": scene.fabric}
     fabrics = default | scene.fabrics
-    stress, length = scene.units.stress, scene.units.length
+    stress, length = scene.field_units.fabric_stress, scene.units.length
+    keys = next(iter(fabrics.values())).moduli_keys  # all fabrics of a scene are given in one way
     rows = [
         [group, *(f"{v:g}" for v in (one.warp_modulus, one.weft_modulus, one.shear_modulus, one.nu)),
-         given_text(one.thickness), one.law, given_text(one.prestress)]
+         "-" if one.thickness is None else given_text(one.thickness), one.law, given_text(one.given_prestress)]
         for group, one in fabrics.items()
     ]  # fmt: skip
-    headers = ["group", *(f"{name} [{stress}]" for name in ("E warp", "E weft", "G")), "nu", f"thickness [{length}]",
+    headers = ["group", *(f"{key.replace('_', ' ')} [{stress}]" for key in keys[1:]), "nu", f"thickness [{length}]",
                "wrinkling law", f"prestress: warp, weft, shear [{stress}]"]  # fmt: skip
     return Table("fabrics", "Fabrics", headers, rows)
 

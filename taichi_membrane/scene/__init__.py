@@ -7,6 +7,7 @@ from taichi_membrane.scene.base import (
     Vector,
 )
 from taichi_membrane.scene.built import ArchTentShape, MattressShape
+from taichi_membrane.scene.check import Check
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.element_field import ElementField, WarpSource
 from taichi_membrane.scene.fabric import Fabric
@@ -36,7 +37,7 @@ from taichi_membrane.scene.mesh_source import (
     TubeShape,
     WedgeShape,
 )
-from taichi_membrane.scene.models import Check, Group, Scene, Units
+from taichi_membrane.scene.models import Group, Scene
 from taichi_membrane.scene.obstacles import (
     WALLS,
     BoxObstacle,
@@ -78,6 +79,7 @@ from taichi_membrane.scene.support import (
     Support,
     Translation,
 )
+from taichi_membrane.scene.unit_names import Units
 
 __all__ = [
     "WALLS",

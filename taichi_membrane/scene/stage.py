@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene.base import Finite, Name, Positive, Record
+from taichi_membrane.scene.base import Finite, Name, PositiveStress, PositiveVolume, Quantity, Record, Stress
 
 
 class Stage(Record):
@@ -34,22 +34,22 @@ class Stage(Record):
     it. For ``form_find``."""
     steps: Annotated[int, Field(ge=1, le=10_000)] = 1
     """Number of equal load steps; by arc length the most steps."""
-    pressure: Finite | dict[Name, Finite] | None = None
+    pressure: Stress | dict[Name, Stress] | None = None
     """Pressure at the stage's end [force/length²]: one number where the scene has one pressure, else a table by name."""
-    amount: Positive | dict[Name, Positive] | None = None
+    amount: PositiveVolume | dict[Name, PositiveVolume] | None = None
     """Amount of gas at the stage's end, as its volume at the pressure ``ambient`` of its chamber [length³]: one number or by name.
     The valve is shut but for what it lets in or out."""
-    ambient: Positive | dict[Name, Positive] | None = None
+    ambient: PositiveStress | dict[Name, PositiveStress] | None = None
     """Absolute pressure outside at the stage's end [force/length²]: one number for all chambers that have one, or by name."""
-    loads: dict[Name, Finite] = {}
+    loads: dict[Name, Quantity] = {}
     """Factor of each load at the stage's end; what is not named keeps its value."""
-    motions: dict[Name, Finite] = {}
+    motions: dict[Name, Quantity] = {}
     """Factor of each motion at the stage's end."""
     shrinkages: dict[Name, Finite] = {}
     """Factor of each shrinkage at the stage's end."""
     temperatures: dict[Name, Finite] = {}
     """Change of each temperature at the stage's end [degrees of the fabrics' ``expansion``]."""
-    obstacles: dict[Name, Finite] = {}
+    obstacles: dict[Name, Quantity] = {}
     """Factor of the motion of each obstacle at the stage's end, on its ``direction``."""
     control: Literal["load", "arc_length"] = "load"
     """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""

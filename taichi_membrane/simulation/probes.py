@@ -34,7 +34,9 @@ def validate(model: Model) -> None:
     for name, probe in model.scene.probes.items():
         key = f"probes.{name}.group"
         if isinstance(probe, scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe):
-            group_triangles(mesh, probe.group, key)
+            elements = group_triangles(mesh, probe.group, key)
+            if probe.kind == "resultant" and probe.which in ("warp", "weft", "shear"):
+                _refuse_undirected(model, elements, f"probes.{name}.which = {probe.which!r}")
         elif isinstance(probe, scenes.VolumeProbe):
             model.measured(probe)
         elif not isinstance(
@@ -42,6 +44,17 @@ def validate(model: Model) -> None:
             scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe | scenes.AbsoluteProbe | scenes.LevelProbe,
         ):
             group_nodes(mesh, probe.group, key)
+
+
+def _refuse_undirected(model: Model, elements: Ints, key: str) -> None:
+    """Refuse to measure along the warp of elements that have none: of an isotropic fabric it may be any direction.
+
+    :raises InputError: with the fabric.
+    """
+    structure = model.structure
+    for number, (group, fabric) in enumerate(model.fabric_names()):
+        if structure.mesh.tri_warp is None and fabric.warp is None and (structure.tri_fabric[elements] == number).any():
+            raise InputError(f"{key}: neither this mesh nor the fabric of {group} has a warp; give it warp = [x, y, z]")
 
 
 def validate_own(model: Model) -> None:
@@ -191,10 +204,19 @@ def _over_elements(
     if isinstance(probe, scenes.AreaProbe):
         in_state = fields["state"][group] == STATE_NAMES.index(probe.state)
         return float(weights[in_state].sum() / weights.sum())
-    stress = fields[f"{probe.which}_{probe.kind}"][group]
+    stress = _stress(probe, fields, structure)[group]
     if probe.reduce == "mean":
         return float(np.average(stress, weights=weights))
     return float(stress.max() if probe.reduce == "max" else stress.min())
+
+
+def _stress(probe: scenes.StressProbe | scenes.ResultantProbe, fields: FieldValues, structure: Structure) -> Floats:
+    """(m,) the stress or stress resultant that a probe looks at."""
+    if isinstance(probe, scenes.StressProbe) or probe.measure == "Cauchy":
+        return fields[f"{probe.which}_{probe.kind}"]
+    axes = ("warp", "weft", "shear")
+    of_area = fields["stress"][:, axes.index(probe.which)] if probe.which in axes else fields[f"{probe.which}_stress"]
+    return of_area * structure.thickness
 
 
 def _of_cable(probe: scenes.CableProbe, model: Model, fields: FieldValues) -> float:
