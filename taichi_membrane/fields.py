@@ -161,6 +161,10 @@ FIELDS: tuple[Field, ...] = (
         measure="Cauchy", picture="scale",
     ),
     Field(
+        name="utilisation", place="element", picture="scale", optional=True,
+        meaning="utilisation: resultant × factor / (strength / safety), the largest of warp and weft, or of the major one",
+    ),
+    Field(
         name="taut_margin", place="element",
         meaning="minor principal trial stress over the larger modulus; negative where not taut",
     ),

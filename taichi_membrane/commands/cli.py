@@ -82,7 +82,7 @@ def _options(
 
 def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOption = False) -> None:
     """Validate a scene and its mesh; run nothing."""
-    from taichi_membrane.commands import printing
+    from taichi_membrane.commands.model_printing import print_model
     from taichi_membrane.execution.run import summarise
     from taichi_membrane.scene import file as scene_file
     from taichi_membrane.scene.texts import conversions
@@ -93,7 +93,7 @@ def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOptio
     with naming(path):
         model, compiled_in, left_out = summarise(loaded, path.parent, repair=repair)
     texts = conversions(loaded, data, loaded.units)
-    printing.print_model(console(), model, compiled_in, left_out, texts)
+    print_model(console(), model, compiled_in, left_out, texts)
 
 
 def verify(

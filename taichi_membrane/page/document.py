@@ -18,6 +18,7 @@ from taichi_membrane.output.tables import with_unit
 from taichi_membrane.page.content import head_and_block
 from taichi_membrane.page.tables import all_tables
 from taichi_membrane.simulation.results import RunResult
+from taichi_membrane.simulation.utilisation import by_stage, words
 
 PAGE = "report.html"
 _OUTCOMES = {
@@ -126,4 +127,8 @@ def _facts(result: RunResult) -> str:
             ("largest displacement", f"{distance}, step {steps[far].number}, node {node}"),
             ("largest resultant", f"{largest}, step {steps[strained].number}, element {element}"),
         ]
+    used = list(by_stage(result).values())
+    if used:
+        step, most = max(used, key=lambda one: one[1].value)
+        facts.append(("largest utilisation", f"{words(most, scene)}, step {step.number}"))
     return "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>" for name, text in facts)

@@ -70,6 +70,15 @@ EXTRA_FIELDS = {
         )
         for column, name in enumerate(("warp", "weft", "shear"))
     ),
+    "utilisation": (
+        ElementField(
+            "utilisation",
+            "utilisation",
+            "",
+            lambda s: s.elements.utilisation,
+            "resultant × factor / (strength / safety)",
+        ),
+    ),
     "free_strain": tuple(
         ElementField(f"free_strain_{name}", f"stress-free strain, {name}", "", partial(_part, "free_strain", column))
         for column, name in enumerate(("warp", "weft"))
@@ -82,7 +91,7 @@ REACTION = NodeVector("reaction", "support force", "force", lambda s: s.reaction
 
 def shown(scene: Scene) -> tuple[ElementField, ...]:
     """What the page shows of a scene's elements."""
-    return (*ELEMENT_FIELDS, *(one for name in scene.extra_fields for one in EXTRA_FIELDS[name]))
+    return (*ELEMENT_FIELDS, *(one for name in scene.extra_fields for one in EXTRA_FIELDS.get(name, ())))
 
 
 def unit(scene: Scene, kind: Literal["", "fabric_stress", "resultant", "length", "force"]) -> str:

@@ -79,6 +79,8 @@ def _scalar(step: StepResult, camera: Camera) -> Floats | None:
     if fields.named(camera.field).picture == "states":
         return None
     values = step.fields[camera.field]
+    if camera.field == "utilisation":  # undefined of fabrics without a strength
+        values = np.nan_to_num(values, nan=0.0)
     return np.asarray(values if values.ndim == 1 else np.linalg.norm(values, axis=1))
 
 

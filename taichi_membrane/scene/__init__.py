@@ -10,7 +10,7 @@ from taichi_membrane.scene.built import ArchTentShape, MattressShape
 from taichi_membrane.scene.check import Check
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.element_field import ElementField, WarpSource
-from taichi_membrane.scene.fabric import Fabric
+from taichi_membrane.scene.fabric import Fabric, Safety
 from taichi_membrane.scene.growth import Shrinkage, Temperature
 from taichi_membrane.scene.loads import (
     AnyLoad,
@@ -65,6 +65,7 @@ from taichi_membrane.scene.probe import (
     ResultantProbe,
     RotationProbe,
     StressProbe,
+    UtilisationProbe,
     VolumeProbe,
 )
 from taichi_membrane.scene.solver import Modes, Solver
@@ -134,6 +135,7 @@ __all__ = [
     "ResultantProbe",
     "Rotation",
     "RotationProbe",
+    "Safety",
     "Scene",
     "Shrinkage",
     "SnowLoad",
@@ -149,6 +151,7 @@ __all__ = [
     "Translation",
     "TubeShape",
     "Units",
+    "UtilisationProbe",
     "Vector",
     "VolumeProbe",
     "WallContact",

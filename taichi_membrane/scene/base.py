@@ -61,6 +61,7 @@ PositiveMassPerVolume = Annotated[Positive, quantity.MASS_PER_VOLUME]
 MassPerLengthFromZero = Annotated[NotNegative, quantity.MASS_PER_LENGTH]
 Moment = Annotated[Finite, quantity.MOMENT]
 Quantity = Annotated[Finite, quantity.ANY]  # of a dimension that other entries of the scene tell
+PositiveQuantity = Annotated[Positive, quantity.ANY]
 Place = tuple[Length, Length, Length]
 ForceVector = tuple[Force, Force, Force]
 MomentVector = tuple[Moment, Moment, Moment]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from taichi_membrane.names import SideStrain, WrinklingLaw
 from taichi_membrane.scene.base import (
     Direction,
     Finite,
+    Label,
     PerLengthVector,
     PositiveLength,
     PositiveMassPerArea,
@@ -27,6 +28,15 @@ _GIVEN = {
     "by area": ("E", "E_warp", "E_weft", "G"),
     "by width": ("stiffness", "stiffness_warp", "stiffness_weft", "G_t"),
 }
+
+
+class Safety(Record):
+    """A safety factor on strengths, which is the user's: none is built in."""
+
+    factor: Annotated[float, Field(ge=1, le=1000)]
+    """What strengths are divided by, at least 1: material, life, temperature and all else that the source asks for."""
+    source: Annotated[Label, Field(min_length=1)]
+    """Where it comes from."""
 
 
 class Fabric(Record):
@@ -79,12 +89,37 @@ class Fabric(Record):
     """Mass per volume [force · time²/length⁴], for vibration modes and self-weight."""
     mass_per_area: PositiveMassPerArea | None = None
     """Mass per unstressed area [force · time²/length³], in place of ``density``."""
+    strength: PositivePerLength | None = None
+    """Strength in all directions, of a foil [force/length]: the major Cauchy resultant is compared with it, as ``utilisation``."""
+    strength_warp: PositivePerLength | None = None
+    """Strength along the warp [force/length], as of a strip test: the Cauchy resultant along the warp is compared with it."""
+    strength_weft: PositivePerLength | None = None
+    """Strength along the weft [force/length]."""
+    strength_source: Label = ""
+    """Where the strengths come from."""
+    safety: Safety | None = None
+    """What strengths are divided by, and why; a fabric with a strength needs it."""
 
     @model_validator(mode="after")
     def _one_mass(self) -> Self:
         if self.density is not None and self.mass_per_area is not None:
             raise ValueError(
                 f"density = {self.density:g} and mass_per_area = {self.mass_per_area:g} both say the mass; give one of them"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _strengths(self) -> Self:
+        given = [name for name in ("strength", "strength_warp", "strength_weft") if getattr(self, name) is not None]
+        if given not in ([], ["strength"], ["strength_warp", "strength_weft"]):
+            raise ValueError(f"give strength, or both strength_warp and strength_weft; given are: {', '.join(given)}")
+        if given and self.safety is None:
+            raise ValueError(
+                f'{given[0]} needs a safety factor to be compared with: give safety = {{ factor = ..., source = "..." }}'
+            )
+        if not given and (self.safety is not None or self.strength_source):
+            raise ValueError(
+                "safety and strength_source are for a fabric with a strength; give strength_warp and strength_weft"
             )
         return self
 
@@ -162,6 +197,11 @@ class Fabric(Record):
     def has_mass(self) -> bool:
         """Whether its mass is given."""
         return self.density is not None or self.mass_per_area is not None
+
+    @property
+    def has_strength(self) -> bool:
+        """Whether its strength is given, so that its utilisation is a result."""
+        return self.strength is not None or self.strength_warp is not None
 
     @property
     def prestress_key(self) -> str:

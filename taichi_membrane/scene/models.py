@@ -209,6 +209,7 @@ class Scene(Record):
         has = {
             "thickness": any(isinstance(one.thickness, ElementField) for one in fabrics),
             "prestress": any(isinstance(one.given_prestress, ElementField) for one in fabrics),
+            "utilisation": any(one.has_strength for one in fabrics),
             "free_strain": bool(self.shrinkages or self.temperatures),
             "contact_force": bool(self.touchable),
             "contact_pressure": bool(self.touchable),
@@ -221,7 +222,7 @@ class Scene(Record):
         if fields.named(name).optional and name not in self.extra_fields:
             needs = {
                 "thickness": "a thickness by element data", "prestress": "a prestress by element data",
-                "free_strain": "shrinkages or temperatures",
+                "free_strain": "shrinkages or temperatures", "utilisation": "a fabric with a strength",
             }  # fmt: skip
             raise ValueError(f"camera.field: {name!r} needs {needs.get(name, 'planes or obstacles')} in the scene")
 

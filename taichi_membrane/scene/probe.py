@@ -135,6 +135,16 @@ class ResultantProbe(Record):
     """Extreme or area mean."""
 
 
+class UtilisationProbe(Record):
+    """Largest utilisation of an element group, whose fabrics all have a strength: Cauchy resultant times factor on effects, over
+    strength over safety factor; in warp and weft, or of the major resultant."""
+
+    kind: Literal["utilisation"]
+    """Largest utilisation, 1 where a strength over its safety factor is reached."""
+    group: GroupName = "all"
+    """Element group."""
+
+
 class FactorProbe(Record):
     """Value of a load's, motion's or pressure's factor, such as ``load.tip``: what a run that stops at collapse, or follows the
     equilibrium path, found."""
@@ -212,6 +222,7 @@ Probe = Annotated[
     | LevelProbe
     | StressProbe
     | ResultantProbe
+    | UtilisationProbe
     | FactorProbe
     | AreaProbe
     | CableProbe

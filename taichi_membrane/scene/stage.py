@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene.base import Finite, Name, PositiveStress, PositiveVolume, Quantity, Record, Stress
+from taichi_membrane.scene.base import Finite, Name, Positive, PositiveStress, PositiveVolume, Quantity, Record, Stress
 
 
 class Stage(Record):
@@ -58,6 +58,8 @@ class Stage(Record):
     (``collapse_or_target``); by arc length also the last of its ``steps``."""
     snaps: Literal["stop", "pass"] = "stop"
     """At a maximum of the load: ``stop`` there, as collapse; ``pass`` goes on from a stable state beyond the jump, and tells it."""
+    effect_factor: Positive = 1.0
+    """Factor on the resultants in ``utilisation``: a partial factor on effects, where loads are not raised by it before."""
     closed: list[Name] = []
     """Pressures whose valve is shut during the stage: they follow their volume."""
     joined: list[Annotated[list[Name], Field(min_length=2)]] = []

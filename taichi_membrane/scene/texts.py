@@ -58,7 +58,7 @@ def check_dimensions(scene: Scene, data: Any) -> None:
                     unit = kind.unit(scene.units, known[name])
                     _of_dimension(text, unit, f"stages.{stage.name}.{kind.key}.{name}", f"{kind.name} {name!r}")
     for number, (written, check) in enumerate(_pairs(data, "checks", scene.checks), 1):
-        for key in ("reference",):
+        for key in ("reference", "absolute", "at_most", "at_least"):
             if _has_unit(written.get(key)) and _known(scene, check.probe):
                 unit = probe_unit(scene, check.probe).partition(" ")[0]  # what follows names a stress's measure
                 _of_dimension(written[key], unit, f"checks[{number}].{key}", f"probe {check.probe!r}")

@@ -36,6 +36,7 @@ def probe_unit(scene: Scene, name: str) -> str:
         "absolute_pressure": units.stress,
         "level": units.length,
         "area_share": "",
+        "utilisation": "",
         "area": units.area,
         "pressure": units.stress,
     }[kind]

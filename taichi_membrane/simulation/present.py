@@ -29,6 +29,8 @@ class Present:
     :param elements: state at every point where strain is sampled.
     :param cable_force: force of every straight piece of a cable.
     :param free_strain: (m, 2) stress-free strain in warp and weft, where something drives it.
+    :param allowed: (m, 3) resultants along warp, weft and of the major one that use up each element's fabric, where some have a
+        strength: strength over safety factor and factor on effects; undefined of those without.
     """
 
     structure: Structure
@@ -39,6 +41,7 @@ class Present:
     contact_push: Floats = field(default_factory=lambda: np.zeros(0))
     cable_force: Floats = field(default_factory=lambda: np.zeros(0))
     free_strain: Floats | None = None
+    allowed: Floats | None = None
 
     def __getattr__(self, name: str) -> Any:
         """What the elements know of themselves, by name: of six-node ones the mean of their points, by area."""
@@ -158,6 +161,16 @@ class Present:
     def shear_resultant(self) -> Floats:
         """(m,) Cauchy shear stress resultant on a cut square to the deformed warp, positive towards the weft."""
         return self.structure.mean_of_samples(self._along(self.structure.geometry.warp)[1])
+
+    @property
+    def utilisation(self) -> Floats:
+        """(m,) largest share of a strength that is used, at any point where strain is sampled; undefined without a strength."""
+        assert self.allowed is not None  # the scene names the field only where it has strengths
+        geometry = self.structure.geometry
+        acting = (self._along(geometry.warp)[0], self._along(geometry.weft)[0], self._principal_resultant[0])
+        limits = np.repeat(self.allowed, self.structure.samples, axis=0)
+        share = (np.stack(acting, axis=1) / limits).max(axis=1).clip(0.0)
+        return np.asarray(self._at_points(share).max(axis=1))
 
     def _along(self, rest: Floats) -> tuple[Floats, Floats]:
         """Normal and shear Cauchy resultants of a cut square to the deformed direction of a fabric's direction at rest."""

@@ -33,7 +33,9 @@ def validate(model: Model) -> None:
     mesh = model.structure.mesh
     for name, probe in model.scene.probes.items():
         key = f"probes.{name}.group"
-        if isinstance(probe, scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe):
+        if isinstance(probe, scenes.UtilisationProbe):
+            _refuse_without_strength(model, group_triangles(mesh, probe.group, key), key)
+        elif isinstance(probe, scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe):
             elements = group_triangles(mesh, probe.group, key)
             if probe.kind == "resultant" and probe.which in ("warp", "weft", "shear"):
                 _refuse_undirected(model, elements, f"probes.{name}.which = {probe.which!r}")
@@ -44,6 +46,19 @@ def validate(model: Model) -> None:
             scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe | scenes.AbsoluteProbe | scenes.LevelProbe,
         ):
             group_nodes(mesh, probe.group, key)
+
+
+def _refuse_without_strength(model: Model, elements: Ints, key: str) -> None:
+    """Refuse to measure the utilisation of a fabric that has no strength.
+
+    :raises InputError: with the fabric.
+    """
+    for number, (group, fabric) in enumerate(model.fabric_names()):
+        if not fabric.has_strength and (model.structure.tri_fabric[elements] == number).any():
+            raise InputError(
+                f"{key}: the fabric of {group} has no strength to compare with; give it strength_warp and strength_weft, or "
+                "a group without it"
+            )
 
 
 def _refuse_undirected(model: Model, elements: Ints, key: str) -> None:
@@ -147,6 +162,8 @@ def evaluate(
             values[name] = _mean_radius((mesh.points + displacement)[nodes], probe.axis)
         elif isinstance(probe, scenes.CableProbe):
             values[name] = _of_cable(probe, model, fields)
+        elif isinstance(probe, scenes.UtilisationProbe):
+            values[name] = float(fields["utilisation"][group_triangles(mesh, probe.group, key)].max())
         else:
             values[name] = _over_elements(probe, fields, model.structure, group_triangles(mesh, probe.group, key))
     return values
@@ -265,9 +282,7 @@ def _check(scene: Scene, check: Check, steps: Sequence[StepResult]) -> CheckResu
     relative = check.tolerance is not None
     tolerance = float(check.tolerance if check.tolerance is not None else check.absolute or 0.0)
     value = found[0].probes[check.probe] if found else None
-    error = None
-    if value is not None:
-        error = (value - check.reference) / (abs(check.reference) if relative else 1.0)
+    error = None if value is None else _error(check, value)
     return CheckResult(
         probe=check.probe,
         stage=check.stage,
@@ -278,5 +293,16 @@ def _check(scene: Scene, check: Check, steps: Sequence[StepResult]) -> CheckResu
         tolerance=tolerance,
         relative=relative,
         source=check.source,
-        passed=error is not None and abs(error) <= tolerance,
+        passed=error is not None and (error if check.reference is None else abs(error)) <= tolerance,
+        at_most=check.at_most,
+        at_least=check.at_least,
     )
+
+
+def _error(check: Check, value: float) -> float:
+    """Of a value against the reference, or by how much it passes the worse of the bounds."""
+    if check.reference is not None:
+        return (value - check.reference) / (abs(check.reference) if check.tolerance is not None else 1.0)
+    above = -np.inf if check.at_most is None else value - check.at_most
+    below = -np.inf if check.at_least is None else check.at_least - value
+    return float(max(above, below))

@@ -176,18 +176,24 @@ ProbeFunction = Callable[[Mesh, StepResult], float]
 
 @dataclass(frozen=True, kw_only=True)
 class CheckResult:
-    """A check of the scene: probe value against reference; ``error`` relative or absolute as the tolerance is."""
+    """A check of the scene: a probe's value against a reference, or within bounds.
+
+    :param reference: None where bounds are given: ``at_most``, ``at_least`` or both.
+    :param error: relative or absolute as the tolerance is; of bounds by how much the worse one is passed, below zero within.
+    """
 
     probe: str
     stage: str
     step: int
     value: float | None
-    reference: float
+    reference: float | None
     error: float | None
     tolerance: float
     relative: bool
     source: str
     passed: bool
+    at_most: float | None = None
+    at_least: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
