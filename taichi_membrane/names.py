@@ -15,3 +15,7 @@ STATE_NAMES = ("taut", "wrinkled", "slack")
 # How a run ended: all stages done; stopped at the largest stable load; a stage that should have met that load did not; a stage
 # along the path took all its steps and did not come to its loads; stopped without equilibrium; stopped from outside.
 Outcome = Literal["finished", "collapse", "no collapse", "steps used up", "not converged", "interrupted"]
+
+# What became of a load case: its loads are reached in a state that is stable, as far as that is told; the structure collapses
+# before; no equilibrium was found; the state is unstable; its stage did not come to its end; the run was stopped before.
+Verdict = Literal["reached", "collapse", "not converged", "unstable", "not started", "interrupted"]

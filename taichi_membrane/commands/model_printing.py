@@ -81,6 +81,7 @@ def print_model(
         ),
         *([] if scene.contact is None else [("contact", f"of walls with each other: {_grouped(scene.contact.group)}")]),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
+        *(("case", f"{_stage_line(scene, scene.ramp(one.name))}, after {scene.start_of(one)}") for one in scene.cases),
         ("probes", ", ".join(scene.probes) or "none"),
         ("checks", str(len(scene.checks)) if scene.checks else "none"),
         ("compiled in", ", ".join(compiled_in) or "nothing beyond the linear element"),

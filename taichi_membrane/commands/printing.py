@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from taichi_membrane.output.case_tables import case_columns, failed_lines, range_columns, reaction_columns
 from taichi_membrane.output.tables import (
     Column,
     check_columns,
@@ -46,6 +47,8 @@ def print_run(console: Console, result: RunResult) -> None:
         )
     for line in wall_lines(result):
         print_wrapped(console, "contact", line)
+    if result.cases:
+        _print_cases(console, result)
     _print_at_rest(console, result)
     _print_unknown(console, result)
     if result.checks:
@@ -131,15 +134,32 @@ def _print_unknown(console: Console, result: RunResult) -> None:
 
 def print_failed_steps(console: Console, result: RunResult) -> None:
     """Print each load step that did not reach its load, and why: collapse, or no equilibrium found."""
-    counts = {stage.name: stage.steps for stage in result.scene.stages}
+    counts = {stage.name: stage.steps for stage in result.scene.ramps}
     for step in result.steps:
         where = f"load step {step.number} ({step.stage} {step.stage_step}/{counts[step.stage]})"
         if not step.converged:
             _print_plain(console, f"NOT CONVERGED: {where}: {step.reason}", style="bold red")
         elif step.limit is not None:
             _print_plain(console, f"COLLAPSE: {where}: {step.reason.removeprefix('collapse: ')}", style="bold yellow")
-        elif step is result.steps[-1] and result.outcome in ("no collapse", "steps used up"):
+        elif step is result.stage_steps[-1] and result.outcome in ("no collapse", "steps used up"):
             _print_plain(console, f"{result.outcome.upper()}: {where}: {step.reason}", style="bold red")
+
+
+def _print_cases(console: Console, result: RunResult) -> None:
+    """Verdicts and numbers of the load cases, the worst case of each quantity, and support forces."""
+    console.print()
+    print_table(console, fitting(case_columns(result), console.width))
+    print_failed_cases(console, result)
+    for columns in (range_columns(result), reaction_columns(result)):
+        if columns[0].cells:
+            console.print()
+            print_table(console, columns)
+
+
+def print_failed_cases(console: Console, result: RunResult) -> None:
+    """Print each load case whose loads are not reached, and why."""
+    for line in failed_lines(result):
+        _print_plain(console, line, style="bold red")
 
 
 def print_failed_checks(console: Console, result: RunResult) -> None:

@@ -72,7 +72,7 @@ def with_unit(value: float, unit: str) -> str:
 
 def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
     """The table of load steps in full width; what the steps change ranks above what stays the same."""
-    counts = {stage.name: stage.steps for stage in scene.stages}
+    counts = {stage.name: stage.steps for stage in scene.ramps}
     states = [step.elements.count() for step in steps]
     sizes = [len(step.elements.state) for step in steps]
     slack = [f"{count['slack'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]
@@ -140,7 +140,7 @@ def _rank(cells: list[str]) -> int:
 
 def step_words(scene: Scene, step: StepResult) -> str:
     """A load step in one line: stage, what acts, and whether it is an equilibrium."""
-    count = next(stage.steps for stage in scene.stages if stage.name == step.stage)
+    count = scene.ramp(step.stage).steps
     parts = [f"{step.stage} {step.stage_step}/{count}"]
     alone = len(step.pressures) == 1
     for driver, value in step.drivers.items():

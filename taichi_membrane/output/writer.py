@@ -27,6 +27,7 @@ from taichi_membrane import fields
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.atomic import replacing
+from taichi_membrane.output.case_tables import case_records, write_cases
 from taichi_membrane.output.lock import LOCK
 from taichi_membrane.output.reader import (
     CABLE,
@@ -58,7 +59,10 @@ from taichi_membrane.simulation.utilisation import largest
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
 
-_OURS = r"(step_\d{4,}\.(vtu|png)|mesh\.vtu|steps\.pvd|history\.csv|curve\.png|animation\.gif|report\.html)"
+_OURS = (
+    r"(step_\d{4,}\.(vtu|png)|mesh\.vtu|steps\.pvd|history\.csv|cases\.csv|envelope\.vtu|curve\.png|animation\.gif|"
+    r"report\.html)"
+)
 _TEMPORARY = rf"\.({_OURS}|summary\.json)\.\d+\.tmp"
 
 Column = tuple[str, Callable[[StepResult], object]]
@@ -145,6 +149,10 @@ class Writer:
             "passed": result.passed,
             "checks": [asdict(check) for check in result.checks],
         }
+        if result.scene.cases:
+            verdict |= case_records(result)
+            for path in write_cases(result, self.directory):
+                self.note(path)
         self._write_summary(result.seconds, complete=result.outcome != "interrupted", verdict=verdict)
         return self._files()
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.output.atomic import replacing
+from taichi_membrane.output.case_tables import failed_lines
 from taichi_membrane.output.tables import with_unit
 from taichi_membrane.page.content import head_and_block
 from taichi_membrane.page.tables import all_tables
@@ -95,9 +96,14 @@ def _verdict(result: RunResult) -> str:
     kind, words = _OUTCOMES[result.outcome]
     lines = [f'<p class="{kind}">{words}</p>']
     for step in result.steps:
-        missed = step is result.steps[-1] and result.outcome in ("no collapse", "steps used up")
+        missed = step is result.stage_steps[-1] and result.outcome in ("no collapse", "steps used up")
         if not step.converged or step.limit is not None or missed:
             lines.append(f"<p>Step {step.number} ({escape(step.stage)} {step.stage_step}): {escape(step.reason)}</p>")
+    if result.cases:
+        failing_cases = failed_lines(result)
+        reached = f"{len(result.cases) - len(failing_cases)} of {len(result.cases)} load cases are reached"
+        lines.append(f'<p class="{"bad" if failing_cases else "good"}">{reached}.</p>')
+        lines += [f"<p>{escape(line)}</p>" for line in failing_cases]
     if result.checks:
         failing = [check for check in result.checks if not check.passed]
         held = f"{len(result.checks) - len(failing)} of {len(result.checks)} checks hold"

@@ -33,6 +33,7 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
         draw_frame(_frame(result, step, camera, box), look=look, camera=view, path=path)
         pictures.append(path)
         yield path
+    pictures = pictures[: len(result.stage_steps)]  # cases do not follow one another
     if len(pictures) > 1:
         write_animation(pictures, directory / "animation.gif")
         yield directory / "animation.gif"

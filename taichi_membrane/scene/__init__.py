@@ -7,6 +7,7 @@ from taichi_membrane.scene.base import (
     Vector,
 )
 from taichi_membrane.scene.built import ArchTentShape, MattressShape
+from taichi_membrane.scene.case import Case
 from taichi_membrane.scene.check import Check
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.element_field import ElementField, WarpSource
@@ -99,6 +100,7 @@ __all__ = [
     "Cable",
     "CableProbe",
     "Camera",
+    "Case",
     "Check",
     "Component",
     "Components",

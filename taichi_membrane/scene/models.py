@@ -13,8 +13,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ModelWrapValidatorHandler, model_validator
 
 from taichi_membrane import fields
-from taichi_membrane.scene import drivers, forming, order, texts, valves
+from taichi_membrane.scene import case, drivers, forming, order, texts, valves
 from taichi_membrane.scene.base import MOST, Label, Name, Place, Record
+from taichi_membrane.scene.case import Case
 from taichi_membrane.scene.check import Check
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.element_field import ElementField
@@ -100,6 +101,8 @@ class Scene(Record):
     """Changes of temperature by name."""
     stages: Annotated[list[Stage], Field(min_length=1, max_length=MOST)]
     """Ramps of pressures, loads and motions, one after another."""
+    cases: Annotated[list[Case], _FEW] = []
+    """Load cases, each from the end of a stage and independent of one another."""
     probes: Annotated[dict[Name, Probe], _FEW] = {}
     """What is measured at every load step, by name."""
     checks: Annotated[list[Check], _FEW] = []
@@ -129,18 +132,20 @@ class Scene(Record):
         names = [stage.name for stage in self.stages]
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
+        case.check(self)
+        names += [one.name for one in self.cases]
         forming.check(self)
         valves.check(self)
-        for stage in self.stages:
+        for stage in self.ramps:
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
-                raise ValueError(f"stages.{stage.name}.control = 'arc_length' needs solver.kind 'hybrid' or 'newton'")
+                raise ValueError(f"{stage.key}.control = 'arc_length' needs solver.kind 'hybrid' or 'newton'")
             for kind in drivers.DRIVERS:
                 for name in kind.asked(stage, ()):
-                    _known(name, kind.allowed(self), f"stages.{stage.name}.{kind.key}", f"a {kind.name}")
+                    _known(name, kind.allowed(self), f"{stage.key}.{kind.key}", f"a {kind.name}")
         for number, check in enumerate(self.checks, 1):
             _known(check.probe, self.probes, f"checks[{number}].probe", "a probe")
-            _known(check.stage, names, f"checks[{number}].stage", "a stage")
-            steps = next(stage.steps for stage in self.stages if stage.name == check.stage)
+            _known(check.stage, names, f"checks[{number}].stage", "a stage or case" if self.cases else "a stage")
+            steps = self.ramp(check.stage).steps
             if not (1 <= check.step <= steps or -steps <= check.step <= -1):
                 raise ValueError(f"checks[{number}].step = {check.step}, but stage {check.stage!r} has {steps} steps")
         for number, probe_name in enumerate(self.derivatives, 1):
@@ -191,6 +196,37 @@ class Scene(Record):
     def _six_nodes(self) -> Self:
         order.check(self)
         return self
+
+    @property
+    def ramps(self) -> list[Stage]:
+        """The stages, and after them the cases as the stages that they are solved as."""
+        return [*self.stages, *(case.stage_of(self, one) for one in self.cases)]
+
+    def without_cases(self) -> Scene:
+        """The stages alone, with what belongs to them."""
+        if not self.cases:
+            return self
+        names = [stage.name for stage in self.stages]
+        curve = self.curve if self.curve is None or self.curve.stage in (None, *names) else None
+        modes = self.modes if self.modes is None or self.modes.stage in (None, *names) else None
+        checks = [check for check in self.checks if check.stage in names]
+        return self.model_copy(update={"cases": [], "checks": checks, "curve": curve, "modes": modes})
+
+    def start_of(self, one: Case) -> str:
+        """Name of the stage at whose end a case starts."""
+        return one.after or self.stages[-1].name
+
+    def before(self, ramp: Stage) -> list[Stage]:
+        """The stages that lead to the start of a stage or case."""
+        names = [stage.name for stage in self.stages]
+        if ramp.name in names:
+            return self.stages[: names.index(ramp.name)]
+        one = next(one for one in self.cases if one.name == ramp.name)
+        return self.stages[: names.index(self.start_of(one)) + 1]
+
+    def ramp(self, name: str) -> Stage:
+        """The stage or case of a name."""
+        return next(one for one in self.ramps if one.name == name)
 
     @property
     def order(self) -> int:
@@ -299,7 +335,7 @@ class Scene(Record):
             for stage in self.stages:
                 if stage.control == "arc_length" or stage.until in ("collapse", "collapse_or_target"):
                     key = "control = 'arc_length'" if stage.control == "arc_length" else f"until = {stage.until!r}"
-                    raise ValueError(f"stages.{stage.name}.{key} {told}")
+                    raise ValueError(f"{stage.key}.{key} {told}")
 
     def _check_cable_points(self) -> None:
         """Refuse points of cables that no cable uses, and a name that two have."""

@@ -29,10 +29,11 @@ _LONGEST_EXAMPLE = 100
 
 @cache
 def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """The text below each field of a model, by the field's name."""
+    """The text below each field of a model, or of a model that it extends, by the field's name."""
     (body,) = ast.parse(inspect.getsource(model)).body
     assert isinstance(body, ast.ClassDef)
-    found = {}
+    base = model.__bases__[0]
+    found = dict(meanings(base)) if issubclass(base, BaseModel) and base.model_fields else {}
     for field, text in zip(body.body, body.body[1:], strict=False):
         if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
             assert isinstance(field.target, ast.Name)

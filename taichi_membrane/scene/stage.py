@@ -9,29 +9,11 @@ from pydantic import Field, model_validator
 from taichi_membrane.scene.base import Finite, Name, Positive, PositiveStress, PositiveVolume, Quantity, Record, Stress
 
 
-class Stage(Record):
-    """A ramp, in ``steps`` equal load steps, from the state before to the given pressures, load and motion factors.
-
-    What is not named keeps its value. ``until = "collapse"``: the stage is meant to meet its largest stable load on the way; the
-    run then goes on to the next stage from there. ``control = "arc_length"`` follows the equilibrium path in at most ``steps``
-    steps, through limit points, until the stage's values are reached; needs Newton, and no motion that changes. ``closed`` names
-    pressures whose valve is shut from the stage's start to its end: they follow their volume. ``amount`` shuts it too, and ramps
-    the amount of gas.
-
-    ``kind = "form_find"``, of the first stage only, finds the shape in which the fabrics have their ``prestress`` and cables their
-    ``force`` or ``force_density``, at the stage's pressures and loads, whatever the stiffness; other cables and bars keep their
-    unstressed lengths. The shape found is the rest shape of all that follows: displacements are counted from it, and
-    probes and groups keep their nodes and elements. Warp directions are projected on it anew. Cables get the unstressed length that
-    gives them their force.
-    """
+class Ramp(Record):
+    """What stages and load cases have alike: values at the end, and the load steps that lead there."""
 
     name: Name
     """Name that checks, curves and results use."""
-    kind: Literal["load", "form_find"] = "load"
-    """``load`` ramps what acts, ``form_find`` finds the rest shape."""
-    stress_tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
-    """How far stresses and forces of the shape found may be from those given, relative to the largest of each fabric; 0.02 without
-    it. For ``form_find``."""
     steps: Annotated[int, Field(ge=1, le=10_000)] = 1
     """Number of equal load steps; by arc length the most steps."""
     pressure: Stress | dict[Name, Stress] | None = None
@@ -51,11 +33,6 @@ class Stage(Record):
     """Change of each temperature at the stage's end [degrees of the fabrics' ``expansion``]."""
     obstacles: dict[Name, Quantity] = {}
     """Factor of the motion of each obstacle at the stage's end, on its ``direction``."""
-    control: Literal["load", "arc_length"] = "load"
-    """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""
-    until: Literal["target", "collapse", "collapse_or_target", "steps"] = "target"
-    """What ends the stage well: its ``target``; its largest stable load on the way (``collapse``); either
-    (``collapse_or_target``); by arc length also the last of its ``steps``."""
     snaps: Literal["stop", "pass"] = "stop"
     """At a maximum of the load: ``stop`` there, as collapse; ``pass`` goes on from a stable state beyond the jump, and tells it."""
     effect_factor: Positive = 1.0
@@ -64,6 +41,39 @@ class Stage(Record):
     """Pressures whose valve is shut during the stage: they follow their volume."""
     joined: list[Annotated[list[Name], Field(min_length=2)]] = []
     """Lists of pressures whose shut chambers a tube joins during the stage: one gas of one pressure."""
+
+    @property
+    def key(self) -> str:
+        """Where the scene has it, for messages."""
+        return f"stages.{self.name}"
+
+
+class Stage(Ramp):
+    """A ramp, in ``steps`` equal load steps, from the state before to the given pressures, load and motion factors.
+
+    What is not named keeps its value. ``until = "collapse"``: the stage is meant to meet its largest stable load on the way; the
+    run then goes on to the next stage from there. ``control = "arc_length"`` follows the equilibrium path in at most ``steps``
+    steps, through limit points, until the stage's values are reached; needs Newton, and no motion that changes. ``closed`` names
+    pressures whose valve is shut from the stage's start to its end: they follow their volume. ``amount`` shuts it too, and ramps
+    the amount of gas.
+
+    ``kind = "form_find"``, of the first stage only, finds the shape in which the fabrics have their ``prestress`` and cables their
+    ``force`` or ``force_density``, at the stage's pressures and loads, whatever the stiffness; other cables and bars keep their
+    unstressed lengths. The shape found is the rest shape of all that follows: displacements are counted from it, and
+    probes and groups keep their nodes and elements. Warp directions are projected on it anew. Cables get the unstressed length that
+    gives them their force.
+    """
+
+    kind: Literal["load", "form_find"] = "load"
+    """``load`` ramps what acts, ``form_find`` finds the rest shape."""
+    stress_tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """How far stresses and forces of the shape found may be from those given, relative to the largest of each fabric; 0.02 without
+    it. For ``form_find``."""
+    control: Literal["load", "arc_length"] = "load"
+    """``load`` raises the loads step by step, ``arc_length`` follows the equilibrium path through limit points."""
+    until: Literal["target", "collapse", "collapse_or_target", "steps"] = "target"
+    """What ends the stage well: its ``target``; its largest stable load on the way (``collapse``); either
+    (``collapse_or_target``); by arc length also the last of its ``steps``."""
 
     @property
     def may_end_early(self) -> bool:

@@ -50,13 +50,13 @@ def check_dimensions(scene: Scene, data: Any) -> None:
     """
     if not isinstance(data, Mapping):
         return
-    for written, stage in _pairs(data, "stages", scene.stages):
+    for written, stage in (*_pairs(data, "stages", scene.stages), *_pairs(data, "cases", scene.cases)):
         for kind in DRIVERS:
             given, known = written.get(kind.key), kind.allowed(scene)
             for name, text in given.items() if isinstance(given, Mapping) else ():
                 if name in known and _has_unit(text):
                     unit = kind.unit(scene.units, known[name])
-                    _of_dimension(text, unit, f"stages.{stage.name}.{kind.key}.{name}", f"{kind.name} {name!r}")
+                    _of_dimension(text, unit, f"{stage.key}.{kind.key}.{name}", f"{kind.name} {name!r}")
     for number, (written, check) in enumerate(_pairs(data, "checks", scene.checks), 1):
         for key in ("reference", "absolute", "at_most", "at_least"):
             if _has_unit(written.get(key)) and _known(scene, check.probe):

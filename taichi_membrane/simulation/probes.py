@@ -274,7 +274,7 @@ def run_checks(scene: Scene, steps: Sequence[StepResult]) -> tuple[CheckResult, 
 
 
 def _check(scene: Scene, check: Check, steps: Sequence[StepResult]) -> CheckResult:
-    stage = next(stage for stage in scene.stages if stage.name == check.stage)
+    stage = scene.ramp(check.stage)
     done = [s.stage_step for s in steps if s.stage == check.stage]
     count = max(done, default=0) if stage.may_end_early else stage.steps
     wanted = check.step if check.step > 0 else count + 1 + check.step

@@ -58,7 +58,7 @@ def allowed(scene: Scene, tri_fabric: Ints) -> Floats:
 
 def effect_factor(scene: Scene, stage: str) -> float:
     """The factor on resultants in a stage."""
-    return next(one.effect_factor for one in scene.stages if one.name == stage)
+    return scene.ramp(stage).effect_factor
 
 
 def largest(scene: Scene, mesh: Mesh, step: StepResult) -> Utilised | None:
@@ -81,9 +81,12 @@ def largest(scene: Scene, mesh: Mesh, step: StepResult) -> Utilised | None:
 
 
 def by_stage(result: RunResult) -> dict[str, tuple[StepResult, Utilised]]:
-    """The load step of each stage that uses most of a strength, and where, of those that have one."""
+    """The load step of each stage, and of each case that was reached, that uses most of a strength, and where."""
+    missed = {name for name, case in result.cases.items() if not case.reached}
     found: dict[str, tuple[StepResult, Utilised]] = {}
     for step, used in _used(result):
+        if step.stage in missed:
+            continue
         if step.stage not in found or used.value > found[step.stage][1].value:
             found[step.stage] = (step, used)
     return found
