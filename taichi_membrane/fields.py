@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 # What a stress refers to, by the short word that stands beside its unit and ends the names of its arrays.
 MEASURES = {
-    "PK2": "second Piola–Kirchhoff: force per unstressed area, carried back to the unstressed fabric; for engineering side strain "
-    "the stress that does work on it, the same to the order of the strain",
+    "PK2": "second Piola–Kirchhoff: force per unstressed area (of fabrics given per width, per unstressed width), carried back to "
+    "the unstressed fabric; for engineering side strain the stress that does work on it, the same to the order of the strain",
     "Cauchy": "Cauchy, true: force per deformed width",
 }
 
@@ -37,6 +37,10 @@ class Units(Protocol):
     @property
     def stress(self) -> str:
         """Of force per area."""
+
+    @property
+    def fabric_stress(self) -> str:
+        """Of the fabrics' stress: force per area, or of fabrics given per width that per width."""
 
     @property
     def resultant(self) -> str:
@@ -62,7 +66,7 @@ class Field:
     name: str
     place: Place
     meaning: str
-    unit: Literal["", "length", "force", "stress", "resultant"] = ""
+    unit: Literal["", "length", "force", "stress", "fabric_stress", "resultant"] = ""
     measure: Literal["", "PK2", "Cauchy"] = ""
     components: tuple[str, ...] = ()
     split: bool = False
@@ -107,7 +111,12 @@ class Field:
     def label(self, units: Units) -> str:
         """Words, with the unit in brackets."""
         unit = self.unit_label(units)
-        return f"{self.meaning} [{unit}]" if unit else self.meaning
+        return f"{self.words(units)} [{unit}]" if unit else self.meaning
+
+    def words(self, units: Units) -> str:
+        """What it is, where a stress is per width a resultant."""
+        per_width = self.unit == "fabric_stress" and units.fabric_stress == units.resultant
+        return self.meaning.replace("stress", "stress resultant", 1) if per_width else self.meaning
 
 
 MOST_POINTS = 6  # of one element where strain is sampled
@@ -127,9 +136,9 @@ FIELDS: tuple[Field, ...] = (
     Field(name="state", place="element", meaning="0 taut, 1 wrinkled, 2 slack", whole=True, picture="states"),
     Field(name="fold_strain", place="element", meaning="strain in folds", picture="scale"),
     Field(
-        name="major_stress", place="element", meaning="major stress", unit="stress", measure="PK2", picture="scale"
+        name="major_stress", place="element", meaning="major stress", unit="fabric_stress", measure="PK2", picture="scale"
     ),
-    Field(name="minor_stress", place="element", meaning="minor stress", unit="stress", measure="PK2"),
+    Field(name="minor_stress", place="element", meaning="minor stress", unit="fabric_stress", measure="PK2"),
     Field(
         name="major_direction", place="element", components=_XYZ,
         meaning="unit vector along the wrinkles: direction of the major stress, carried to the deformed element",
@@ -140,12 +149,28 @@ FIELDS: tuple[Field, ...] = (
     ),
     Field(name="minor_resultant", place="element", meaning="minor stress resultant", unit="resultant", measure="Cauchy"),
     Field(
+        name="warp_resultant", place="element", meaning="stress resultant along the warp", unit="resultant",
+        measure="Cauchy", picture="scale",
+    ),
+    Field(
+        name="weft_resultant", place="element", meaning="stress resultant along the weft", unit="resultant",
+        measure="Cauchy", picture="scale",
+    ),
+    Field(
+        name="shear_resultant", place="element", meaning="shear stress resultant at the warp", unit="resultant",
+        measure="Cauchy", picture="scale",
+    ),
+    Field(
+        name="utilisation", place="element", picture="scale", optional=True,
+        meaning="utilisation: resultant × factor / (strength / safety), the largest of warp and weft, or of the major one",
+    ),
+    Field(
         name="taut_margin", place="element",
         meaning="minor principal trial stress over the larger modulus; negative where not taut",
     ),
     Field(name="slack_margin", place="element", meaning="major principal strain; negative where slack"),
     Field(
-        name="stress", place="element", meaning="stress in fabric axes", unit="stress", measure="PK2",
+        name="stress", place="element", meaning="stress in fabric axes", unit="fabric_stress", measure="PK2",
         components=_FABRIC_AXES, split=True,
     ),
     Field(
@@ -157,7 +182,7 @@ FIELDS: tuple[Field, ...] = (
         value=lambda present: present.structure.thickness,
     ),
     Field(
-        name="prestress", place="element", meaning="stress at zero strain in fabric axes", unit="stress", measure="PK2",
+        name="prestress", place="element", meaning="stress at zero strain in fabric axes", unit="fabric_stress", measure="PK2",
         components=_FABRIC_AXES, split=True, picture="scale", optional=True,
         value=lambda present: present.structure.prestress,
     ),
@@ -169,7 +194,7 @@ FIELDS: tuple[Field, ...] = (
     Field(name="point_taut_margin", place="element", meaning="taut margin at points", optional=True, sampled=True),
     Field(name="point_slack_margin", place="element", meaning="slack margin at points", optional=True, sampled=True),
     Field(
-        name="point_major_stress", place="element", meaning="major stress at points", unit="stress", measure="PK2",
+        name="point_major_stress", place="element", meaning="major stress at points", unit="fabric_stress", measure="PK2",
         optional=True, sampled=True,
     ),
     Field(name="cable_force", place="cable", meaning="force of cables", unit="force"),

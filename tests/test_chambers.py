@@ -13,7 +13,8 @@ from test_gas import AMBIENT, sphere
 
 from taichi_membrane import shapes
 from taichi_membrane.assurance.verification.filled import TUBE_LENGTH, plates_scene, squeezed_tube
-from taichi_membrane.commands.printing import print_model, relief_lines
+from taichi_membrane.commands.model_printing import print_model
+from taichi_membrane.commands.printing import relief_lines
 from taichi_membrane.errors import InputError
 from taichi_membrane.execution.run import run
 from taichi_membrane.mesh import Mesh

@@ -19,7 +19,7 @@ from test_members import hanging, rope
 from test_page import content, decode
 
 import taichi_membrane as tm
-from taichi_membrane.commands.printing import print_model
+from taichi_membrane.commands.model_printing import print_model
 from taichi_membrane.execution.run import run
 from taichi_membrane.output.reader import read_run
 from taichi_membrane.scene import Scene

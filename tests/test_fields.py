@@ -110,6 +110,17 @@ def test_resultants_of_any_uniform_deformation_are_those_of_the_tensors() -> Non
         minor, major = np.delete(values, off_plane)
         assert present.major_resultant == pytest.approx(np.full(mesh.tri_count, major), rel=1e-9)
         assert present.minor_resultant == pytest.approx(np.full(mesh.tri_count, minor), rel=1e-9)
+        # Across cuts square to the threads where they are now.
+        warp, weft = (gradient[:, axis] / np.linalg.norm(gradient[:, axis]) for axis in range(2))
+        side = weft - (weft @ warp) * warp
+        side /= np.linalg.norm(side)
+        for name, value in (
+            ("warp", warp @ cauchy @ warp),
+            ("weft", weft @ cauchy @ weft),
+            ("shear", warp @ cauchy @ side),
+        ):
+            found = getattr(present, f"{name}_resultant")
+            assert found == pytest.approx(np.full(mesh.tri_count, value), rel=1e-9, abs=1e-12)
 
 
 EXTRA = Field(
@@ -162,17 +173,23 @@ def test_every_stress_says_its_measure() -> None:
         "minor_stress",
         "major_resultant",
         "minor_resultant",
+        "warp_resultant",
+        "weft_resultant",
+        "shear_resultant",
         "point_major_stress",
     }
     assert {one.name for one in fields.FIELDS if one.measure} == stressed
-    assert {one.name for one in fields.FIELDS if one.unit in ("stress", "resultant")} == {*stressed, "contact_pressure"}
+    assert {one.name for one in fields.FIELDS if one.unit in ("stress", "fabric_stress", "resultant")} == {
+        *stressed,
+        "contact_pressure",
+    }
     for one in fields.FIELDS:
         ends = "_pk2" if one.measure == "PK2" else "_cauchy" if one.measure else ""
         assert all(array.endswith(ends) for array in one.arrays)
     assert fields.named("major_stress").label(units) == "major stress [MPa PK2]"
-    assert fields.named("major_resultant").label(units) == "major stress resultant [N/mm Cauchy]"
+    assert fields.named("major_resultant").label(units) == "major stress resultant [kN/m Cauchy]"
     scene = sheet((1.0, 1.0))
-    assert [probe_unit(scene, name) for name in ("tension", "stress")] == ["N/mm Cauchy", "MPa PK2"]
+    assert [probe_unit(scene, name) for name in ("tension", "stress")] == ["kN/m Cauchy", "MPa PK2"]
 
 
 def test_the_summary_tells_fields_and_units_of_probes(tmp_path: Path) -> None:

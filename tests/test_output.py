@@ -78,7 +78,8 @@ def test_paraview_gets_reference_points_a_displacement_vector_and_all_fields(tmp
     assert cells.keys() == {
         "state", "fold_strain", "major_stress_pk2", "minor_stress_pk2", "major_direction", "taut_margin", "slack_margin", "fabric",
         "stress_warp_pk2", "stress_weft_pk2", "stress_shear_pk2", "strain_warp", "strain_weft", "strain_shear",
-        "major_resultant_cauchy", "minor_resultant_cauchy",
+        "major_resultant_cauchy", "minor_resultant_cauchy", "warp_resultant_cauchy", "weft_resultant_cauchy",
+        "shear_resultant_cauchy",
     }  # fmt: skip
     assert same(cells["stress_weft_pk2"], step.elements.stress[:, 1])
     assert same(cells["strain_shear"], step.elements.strain[:, 2])

@@ -197,7 +197,7 @@ def asked(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
         (asked("precision", "f16"), "precision = 'f16' is not one of f64, f32"),
         (asked("threads", "many"), "summary.json: damaged: ValueError: invalid literal for int()"),
         (lambda summary: summary.update(format="other"), "not the summary of a run of this program"),
-        (lambda summary: summary.update(format_version=1), "format version 1, but this program reads version 8"),
+        (lambda summary: summary.update(format_version=1), "format version 1, but this program reads version 9"),
     ],
 )
 def test_what_cannot_go_on_bit_by_bit_is_refused_and_left_alone(

@@ -111,7 +111,7 @@ def forge(directory: Path, change: str) -> None:
         ("another mesh's step", "step_0000.vtu: damaged: no array 'displacement'"),
         ("array of another width", "step_0000.vtu: damaged: array 'stress_warp_pk2' is (12, 2), but (12,) is expected"),
         ("foreign", "summary.json: not the summary of a run of this program"),
-        ("newer", "summary.json: format version 99, but this program reads version 8"),
+        ("newer", "summary.json: format version 99, but this program reads version 9"),
         ("no steps", "summary.json: damaged: KeyError: 'steps'"),
         ("bad scene", "summary.json: damaged scene: fabric.thickness: -1 must be above 0"),
         ("no number", "summary.json: damaged: KeyError: 'number'"),

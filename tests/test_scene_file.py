@@ -137,7 +137,7 @@ def test_a_later_override_wins_and_a_line_break_smuggles_nothing_in(path: Path) 
         ("checks.1.probe=tap", "checks[1].probe: 'tap' is not a probe of this scene; allowed: tip"),
         ("checks.1.step=3", "checks[1].step = 3, but stage 'stretch' has 2 steps"),
         ("checks.1.absolute=1", "checks[1]: give either tolerance (relative) or absolute"),
-        ("checks=[{probe='tip'}]", "checks[1].stage: missing; checks[1].reference: missing; checks[1].source: missing"),
+        ("checks=[{probe='tip'}]", "checks[1].stage: missing; checks[1].source: missing"),
         ("camera.outline=maybe", "camera.outline: must be true or false, not 'maybe'"),
         ("camera.elevation=91", "camera.elevation: 91 must be at most 90"),
         ("supports={a=1}", "supports: must be a list, not a table"),

@@ -82,15 +82,18 @@ def _options(
 
 def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOption = False) -> None:
     """Validate a scene and its mesh; run nothing."""
-    from taichi_membrane.commands import printing
+    from taichi_membrane.commands.model_printing import print_model
     from taichi_membrane.execution.run import summarise
     from taichi_membrane.scene import file as scene_file
+    from taichi_membrane.scene.texts import conversions
 
     path = scene_file.resolve_scene(scene)
+    data = scene_file.changed_data(path, scene_file.read_data(path), overrides or ())
     loaded = scene_file.load_scene(path, overrides or ())
     with naming(path):
         model, compiled_in, left_out = summarise(loaded, path.parent, repair=repair)
-    printing.print_model(console(), model, compiled_in, left_out)
+    texts = conversions(loaded, data, loaded.units)
+    print_model(console(), model, compiled_in, left_out, texts)
 
 
 def verify(

@@ -34,7 +34,7 @@ class ProgressView:
         if console is not None and console.is_interactive:
             # Taichi looks at sys.stdout when it is imported, so that must stay what it is.
             self._live = Live(self._line, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
-        self._stage_steps = {stage.name: stage.steps for stage in scene.stages}
+        self._stage_steps = {stage.name: stage.steps for stage in scene.ramps}
         self._step_count = sum(self._stage_steps.values())
         self._last_line = time.monotonic()
 

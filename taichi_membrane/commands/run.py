@@ -73,8 +73,8 @@ def run(
     """Solve the load steps of a scene, write and draw them.
 
     Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input or a file that cannot be written, 3 a load
-    step did not converge or a path did not come to its loads, 4 the structure collapses before its last load, 5 a stage that should
-    meet collapse (until = "collapse") met none.
+    step did not converge, a path did not come to its loads or a load case has no stable end, 4 the structure collapses before its
+    last load or in a load case, 5 a stage that should meet collapse (until = "collapse") met none.
     """
     if resume is not None:
         _go_on(context, resume, quiet, report)
@@ -149,12 +149,16 @@ def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, q
         typer.echo(f"{directory}: nothing is left to do, the run has ended")
     if quiet or not view.paths:
         printing.print_failed_steps(terminal, result)
+        printing.print_failed_cases(terminal, result)
         printing.print_failed_checks(terminal, result)
     else:
         printing.print_run(terminal, result)
     if report and result.steps:
         write_page(result, directory, quiet)
-    if not result.converged:
+    if result.outcome != "finished":
         raise typer.Exit({"collapse": COLLAPSE, "no collapse": NO_COLLAPSE}.get(result.outcome, NOT_CONVERGED))
+    missed = {case.verdict for case in result.cases.values()} - {"reached"}
+    if missed:
+        raise typer.Exit(COLLAPSE if missed == {"collapse"} else NOT_CONVERGED)
     if not result.passed:
         raise typer.Exit(CHECK_FAILS)

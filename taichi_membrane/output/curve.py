@@ -27,9 +27,9 @@ def quantity_label(scene: Scene, quantity: str) -> str:
 
 
 def curve_steps(result: RunResult, curve: Curve) -> list[StepResult]:
-    """Converged steps that a curve shows: all, or those of its stage with the state before it."""
-    steps = [step for step in result.steps if step.converged]
-    inside = [number for number, step in enumerate(steps) if curve.stage in (None, step.stage)]
-    if curve.stage is None or not inside:
-        return [steps[number] for number in inside]
-    return steps[max(inside[0] - 1, 0) : inside[0]] + [steps[number] for number in inside]
+    """Converged steps that a curve shows: all of stages, or those of its stage or case with the state before it."""
+    if curve.stage is None:
+        return [step for step in result.stage_steps if step.converged]
+    inside = [step for step in result.steps if step.converged and step.stage == curve.stage]
+    start = result.start(curve.stage) if inside else None
+    return inside if start is None else [start, *inside]

@@ -35,7 +35,7 @@ from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Estimate, Floats, Layer, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
 
-FORMAT, FORMAT_VERSION = "taichi_membrane run", 8
+FORMAT, FORMAT_VERSION = "taichi_membrane run", 9
 SUMMARY, MESH = "summary.json", "mesh.vtu"
 CABLE = "cable"  # array of the lines of mesh.vtu and of the steps' files: number of the cable in the scene
 GROUP = "group:"  # begins the name of a 0/1 array in mesh.vtu that marks a group's members

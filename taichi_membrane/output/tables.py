@@ -32,27 +32,38 @@ class Column:
 
 
 def check_columns(scene: Scene, checks: Sequence[CheckResult]) -> list[Column]:
-    """The table of checks: value, reference, error, tolerance, verdict."""
+    """The table of checks: value, reference or bounds, error, tolerance, verdict."""
     return [
         Column("check", [check.probe for check in checks]),
         Column("at", [f"{check.stage} {check.step}" for check in checks]),
         Column("value", ["not reached" if check.value is None else f"{check.value:.6g}" for check in checks]),
-        Column("reference", [with_unit(check.reference, probe_unit(scene, check.probe)) for check in checks]),
+        Column("reference", [reference_text(scene, check) for check in checks]),
         Column("error", [error_text(check) for check in checks]),
         Column("tolerance", [tolerance_text(check) for check in checks]),
         Column("", ["pass" if check.passed else "FAIL" for check in checks]),
     ]
 
 
+def reference_text(scene: Scene, check: CheckResult) -> str:
+    """What a check's value should be: a reference, or bounds."""
+    unit = probe_unit(scene, check.probe)
+    if check.reference is not None:
+        return with_unit(check.reference, unit)
+    bounds = (("≥", check.at_least), ("≤", check.at_most))
+    return ", ".join(f"{sign} {with_unit(bound, unit)}" for sign, bound in bounds if bound is not None)
+
+
 def error_text(check: CheckResult) -> str:
-    """Error of a check, in percent where its tolerance is relative."""
+    """Error of a check, in percent where its tolerance is relative; of bounds by how much the worse one is passed."""
     if check.error is None:
         return "-"
     return f"{100 * check.error:+.2g} %" if check.relative else f"{check.error:+.3g}"
 
 
 def tolerance_text(check: CheckResult) -> str:
-    """Tolerance of a check, in percent where it is relative."""
+    """Tolerance of a check, in percent where it is relative; bounds have none."""
+    if check.reference is None:
+        return "-"
     return f"{100 * check.tolerance:.3g} %" if check.relative else f"{check.tolerance:.3g}"
 
 
@@ -63,7 +74,7 @@ def with_unit(value: float, unit: str) -> str:
 
 def step_columns(scene: Scene, steps: Sequence[StepResult]) -> list[Column]:
     """The table of load steps in full width; what the steps change ranks above what stays the same."""
-    counts = {stage.name: stage.steps for stage in scene.stages}
+    counts = {stage.name: stage.steps for stage in scene.ramps}
     states = [step.elements.count() for step in steps]
     sizes = [len(step.elements.state) for step in steps]
     slack = [f"{count['slack'] / size:.1%}" for count, size in zip(states, sizes, strict=True)]
@@ -183,7 +194,7 @@ def _rank(cells: list[str]) -> int:
 
 def step_words(scene: Scene, step: StepResult) -> str:
     """A load step in one line: stage, what acts, and whether it is an equilibrium."""
-    count = next(stage.steps for stage in scene.stages if stage.name == step.stage)
+    count = scene.ramp(step.stage).steps
     parts = [f"{step.stage} {step.stage_step}/{count}"]
     alone = len(step.pressures) == 1
     for driver, value in step.drivers.items():

@@ -28,6 +28,7 @@ from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.accuracy import estimate_record, layer_record
 from taichi_membrane.output.atomic import replacing
+from taichi_membrane.output.case_tables import case_records, write_cases
 from taichi_membrane.output.lock import LOCK
 from taichi_membrane.output.reader import (
     CABLE,
@@ -46,6 +47,7 @@ from taichi_membrane.output.reader import (
     is_run,
     summary_checksum,
 )
+from taichi_membrane.output.records import field_notes, record
 from taichi_membrane.output.tables import stability_text
 from taichi_membrane.output.vtu import write_vtu
 from taichi_membrane.scene import Scene
@@ -54,11 +56,14 @@ from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import RunResult, Settings, StepResult
-from taichi_membrane.simulation.state import State
+from taichi_membrane.simulation.utilisation import largest
 
 HISTORY, SERIES = "history.csv", "steps.pvd"
 
-_OURS = r"(step_\d{4,}\.(vtu|png)|mesh\.vtu|steps\.pvd|history\.csv|curve\.png|animation\.gif|report\.html)"
+_OURS = (
+    r"(step_\d{4,}\.(vtu|png)|mesh\.vtu|steps\.pvd|history\.csv|cases\.csv|envelope\.vtu|curve\.png|animation\.gif|"
+    r"report\.html)"
+)
 _TEMPORARY = rf"\.({_OURS}|summary\.json)\.\d+\.tmp"
 
 Column = tuple[str, Callable[[StepResult], object]]
@@ -126,7 +131,7 @@ class Writer:
         path = step_path(self.directory, step.number)
         with replacing(path) as temporary:
             checksum = self._write_arrays(temporary, step, rest or self._mesh)
-        self._records.append(_record(step, path.name, checksum))
+        self._records.append(record(step, path.name, checksum) | self._utilised(step, rest or self._mesh))
         self._rows.append(self._row(step))
         return [path, *self._write_tables(), self._write_summary(seconds, complete=False)]
 
@@ -147,12 +152,16 @@ class Writer:
             "layers": [layer_record(layer) for layer in result.layers],
             "estimate": estimate_record(result.estimate),
         }
+        if result.scene.cases:
+            verdict |= case_records(result)
+            for path in write_cases(result, self.directory):
+                self.note(path)
         self._write_summary(result.seconds, complete=result.outcome != "interrupted", verdict=verdict)
         return self._files()
 
     def _files(self) -> list[Path]:
         tables = [self.directory / name for name in (SUMMARY, HISTORY, SERIES, MESH)]
-        return [*tables, *(self.directory / record["file"] for record in self._records), *self._noted]
+        return [*tables, *(self.directory / saved["file"] for saved in self._records), *self._noted]
 
     def _row(self, step: StepResult) -> list[object]:
         return [value(step) for _, value in self._columns]
@@ -191,6 +200,13 @@ class Writer:
             points |= {f"{MODE}{number}": shape for number, shape in enumerate(step.modes.shapes, 1)}
         return write_vtu(path, rest, self._lines, points, cells, places["cable"])
 
+    def _utilised(self, step: StepResult, rest: Mesh) -> dict[str, Any]:
+        """Where a step uses most of a strength, for its record, in scenes that have one."""
+        if "utilisation" not in step.fields:
+            return {}
+        used = largest(self._scene, rest, step)
+        return {"utilisation": None if used is None else asdict(used)}
+
     def _write_tables(self) -> list[Path]:
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
@@ -199,9 +215,9 @@ class Writer:
         _write_text(self.directory / HISTORY, text.getvalue())
         root = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
         collection = ElementTree.SubElement(root, "Collection")
-        for record in self._records:
+        for saved in self._records:
             ElementTree.SubElement(
-                collection, "DataSet", timestep=str(record["number"]), group="", part="0", file=record["file"]
+                collection, "DataSet", timestep=str(saved["number"]), group="", part="0", file=saved["file"]
             )
         ElementTree.indent(root)
         declared = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).decode()
@@ -232,7 +248,7 @@ class Writer:
                 "tri_groups": {name: len(members) for name, members in mesh.tri_groups.items()},
             },
             "files": [path.name for path in self._files()],
-            "fields": _field_notes(self._scene, cables=len(self._lines) > 0),
+            "fields": field_notes(self._scene, cables=len(self._lines) > 0),
             "probes": {name: probe_unit(self._scene, name) for name in self._scene.probes},
             "own_probes": self._own_probes,
             "steps": self._records,
@@ -286,56 +302,6 @@ def _named(kind: str, name: str) -> Callable[[StepResult], object]:
 
 def _header(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
-
-
-def _record(step: StepResult, file: str, checksum: str) -> dict[str, Any]:
-    """A load step in the summary: all but its arrays."""
-    scalars = {key: value for key, value in vars(step).items() if key not in ("fields", "modes", "trace", "state")}
-    modes = (
-        None
-        if step.modes is None
-        else {
-            "kind": step.modes.kind,
-            "values": step.modes.values,
-            "missing": step.modes.missing,
-        }
-    )
-    trace = [[one.event, one.share] for one in step.trace]
-    return {
-        **scalars,
-        "stable": step.stable,
-        "trace": trace,
-        "state": _state_record(step.state),
-        "modes": modes,
-        "element_states": step.elements.count(),
-        "file": file,
-        "sha256": checksum,
-    }
-
-
-def _state_record(state: State) -> dict[str, Any]:
-    """What a load step hands on, but its displacements and drivers, which stand beside it, and the arrays of path and friction."""
-    path = state.path
-    scalars = None if path is None else {"factor": path.factor, "negative": path.negative, "length": path.length}
-    return {
-        "stiffest": state.stiffest, "let_out": state.let_out, "path": scalars, "friction": len(state.friction),
-        "walls": state.touched is not None,
-    }  # fmt: skip
-
-
-def _field_notes(scene: Scene, *, cables: bool) -> dict[str, dict[str, Any]]:
-    """What the arrays of a step's file mean, those of cables where there are some."""
-    return {
-        field.name: {
-            "arrays": field.arrays,
-            "place": field.place,
-            "meaning": field.meaning,
-            "unit": getattr(scene.units, field.unit) if field.unit else "",
-            **({"measure": f"{field.measure}: {fields.MEASURES[field.measure]}"} if field.measure else {}),
-        }
-        for field in fields.of(scene.extra_fields)
-        if cables or field.place != "cable"
-    }
 
 
 def _plain(value: Any) -> Any:

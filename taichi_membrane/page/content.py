@@ -56,12 +56,12 @@ def head_and_block(result: RunResult) -> tuple[dict[str, Any], str]:
         "points": pack.add((mesh.points - centre).T, "f32"),
         "triangles": pack.add(mesh.triangles, "u32"),
         "fields": [
-            {"name": f.name, "title": f.title, "unit": unit(scene.units, f.unit), "note": f.note,
+            {"name": f.name, "title": f.title, "unit": unit(scene, f.unit), "note": f.note,
              "low": ranges[f.name][0], "high": ranges[f.name][1]}
             for f in shown(scene)
         ],
         "vectors": [
-            {"name": v.name, "title": v.title, "unit": unit(scene.units, v.unit), "note": "", "nodes": nodes}
+            {"name": v.name, "title": v.title, "unit": unit(scene, v.unit), "note": "", "nodes": nodes}
             for v, nodes in ((DISPLACEMENT, None), (REACTION, pack.add(held, "u32")))
         ],
         "cables": _cables(pack, result),

@@ -14,10 +14,12 @@ import numpy as np
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.output.atomic import replacing
+from taichi_membrane.output.case_tables import failed_lines
 from taichi_membrane.output.tables import with_unit
 from taichi_membrane.page.content import head_and_block
 from taichi_membrane.page.tables import all_tables
 from taichi_membrane.simulation.results import RunResult
+from taichi_membrane.simulation.utilisation import by_stage, words
 
 PAGE = "report.html"
 _OUTCOMES = {
@@ -94,9 +96,14 @@ def _verdict(result: RunResult) -> str:
     kind, words = _OUTCOMES[result.outcome]
     lines = [f'<p class="{kind}">{words}</p>']
     for step in result.steps:
-        missed = step is result.steps[-1] and result.outcome in ("no collapse", "steps used up")
+        missed = step is result.stage_steps[-1] and result.outcome in ("no collapse", "steps used up")
         if not step.converged or step.limit is not None or missed:
             lines.append(f"<p>Step {step.number} ({escape(step.stage)} {step.stage_step}): {escape(step.reason)}</p>")
+    if result.cases:
+        failing_cases = failed_lines(result)
+        reached = f"{len(result.cases) - len(failing_cases)} of {len(result.cases)} load cases are reached"
+        lines.append(f'<p class="{"bad" if failing_cases else "good"}">{reached}.</p>')
+        lines += [f"<p>{escape(line)}</p>" for line in failing_cases]
     if result.checks:
         failing = [check for check in result.checks if not check.passed]
         held = f"{len(result.checks) - len(failing)} of {len(result.checks)} checks hold"
@@ -117,13 +124,17 @@ def _facts(result: RunResult) -> str:
     if steps:
         moved = [np.linalg.norm(step.displacement, axis=1) for step in steps]
         far = int(np.argmax([lengths.max() for lengths in moved]))
-        stressed = int(np.argmax([step.elements.major_stress.max() for step in steps]))
-        stress = steps[stressed].elements.major_stress
-        node, element = int(moved[far].argmax()), int(stress.argmax())
+        strained = int(np.argmax([step.elements.major_resultant.max() for step in steps]))
+        force = steps[strained].elements.major_resultant
+        node, element = int(moved[far].argmax()), int(force.argmax())
         distance = with_unit(float(moved[far][node]), scene.units.length)
-        largest = with_unit(float(stress[element]), scene.units.stress)
+        largest = with_unit(float(force[element]), f"{scene.units.resultant} Cauchy")
         facts += [
             ("largest displacement", f"{distance}, step {steps[far].number}, node {node}"),
-            ("largest stress", f"{largest}, step {steps[stressed].number}, element {element}"),
+            ("largest resultant", f"{largest}, step {steps[strained].number}, element {element}"),
         ]
+    used = list(by_stage(result).values())
+    if used:
+        step, most = max(used, key=lambda one: one[1].value)
+        facts.append(("largest utilisation", f"{words(most, scene)}, step {step.number}"))
     return "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(text)}</dd></div>" for name, text in facts)

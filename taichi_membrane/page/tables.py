@@ -8,6 +8,7 @@ from html import escape
 
 import numpy as np
 
+from taichi_membrane.output.case_tables import case_columns, range_columns, reaction_columns
 from taichi_membrane.output.tables import (
     check_columns,
     estimate_columns,
@@ -18,6 +19,7 @@ from taichi_membrane.output.tables import (
 )
 from taichi_membrane.scene.drivers import kind_named
 from taichi_membrane.scene.element_field import given_text
+from taichi_membrane.simulation.reactions import support_forces
 from taichi_membrane.simulation.results import RunResult
 
 
@@ -67,9 +69,31 @@ def _is_number(text: str) -> bool:
 def all_tables(result: RunResult) -> list[Table]:
     """Every table of the page, in order."""
     return [
-        _steps(result), _checks(result), _errors(result), _layers(result), _reactions(result), _at_rest(result),
+        *_cases(result), _steps(result), _checks(result), _errors(result), _layers(result), _reactions(result), _at_rest(result),
         _supports(result), _loads(result), _fabrics(result), _provenance(result),
     ]  # fmt: skip
+
+
+def _cases(result: RunResult) -> list[Table]:
+    """Verdicts and numbers of the load cases, the worst case of each quantity, support forces."""
+    if not result.cases:
+        return []
+    shown = (
+        ("cases", "Load cases", case_columns(result), "Numbers are those at the end of each case that was reached."),
+        ("worst", "Worst cases", range_columns(result), "Over the ends of the cases that were reached."),
+        (
+            "case-reactions",
+            "Support forces of load cases",
+            reaction_columns(result),
+            "Forces of the supports on the membrane.",
+        ),
+    )
+    return [
+        Table(
+            name, caption, [c.header for c in columns], list(zip(*(c.cells for c in columns), strict=True)), None, note
+        )
+        for name, caption, columns, note in shown
+    ]
 
 
 def _steps(result: RunResult) -> Table:
@@ -112,23 +136,20 @@ def _layers(result: RunResult) -> Table:
 def _reactions(result: RunResult) -> Table:
     """Sum of the support forces of each held group, at each converged step."""
     scene, mesh, force = result.scene, result.mesh, result.scene.units.force
-    groups = list(dict.fromkeys(group for group, _ in scene.holding))
     rows, steps = [], []
     for number, step in enumerate(result.steps):
         if not step.converged:
             continue
-        # What is left of forces that cancel is round-off.
-        least = 1e-9 * float(np.abs(step.reaction).sum())
-        sums = {group: step.reaction[mesh.node_groups[group]].sum(axis=0) for group in groups}
-        everywhere = {"all held nodes": step.reaction.sum(axis=0)} if len(groups) > 1 else {}
-        for group, total in {**sums, **everywhere}.items():
-            values = [0.0 if abs(value) < least else value for value in (*total, np.linalg.norm(total))]
+        for group, total in support_forces(scene, mesh, step).items():
+            values = (*total, np.linalg.norm(total))
             rows.append([str(step.number), group, *(f"{value:.5g}" for value in values)])
             steps.append(number)
     headers = ["step", "group", *(f"{name} [{force}]" for name in ("x", "y", "z", "size"))]
     note = "Forces of the supports on the membrane."
-    note += " A node of two groups counts in both, and once in the last row of a step." if len(groups) > 1 else ""
-    return Table("reactions", "Support forces", headers, rows if groups else [], steps if groups else [], note)
+    note += (
+        " A node of two groups counts in both, and once in the last row of a step." if len(scene.holding) > 1 else ""
+    )
+    return Table("reactions", "Support forces", headers, rows, steps, note)
 
 
 def _at_rest(result: RunResult) -> Table:
@@ -169,13 +190,14 @@ def _fabrics(result: RunResult) -> Table:
     scene = result.scene
     default = {} if scene.fabric is None else {"all others" if scene.fabrics else "all": scene.fabric}
     fabrics = default | scene.fabrics
-    stress, length = scene.units.stress, scene.units.length
+    stress, length = scene.field_units.fabric_stress, scene.units.length
+    keys = next(iter(fabrics.values())).moduli_keys  # all fabrics of a scene are given in one way
     rows = [
         [group, *(f"{v:g}" for v in (one.warp_modulus, one.weft_modulus, one.shear_modulus, one.nu)),
-         given_text(one.thickness), one.law, given_text(one.prestress)]
+         "-" if one.thickness is None else given_text(one.thickness), one.law, given_text(one.given_prestress)]
         for group, one in fabrics.items()
     ]  # fmt: skip
-    headers = ["group", *(f"{name} [{stress}]" for name in ("E warp", "E weft", "G")), "nu", f"thickness [{length}]",
+    headers = ["group", *(f"{key.replace('_', ' ')} [{stress}]" for key in keys[1:]), "nu", f"thickness [{length}]",
                "wrinkling law", f"prestress: warp, weft, shear [{stress}]"]  # fmt: skip
     return Table("fabrics", "Fabrics", headers, rows)
 

@@ -65,7 +65,7 @@ def carry_out(text: str) -> str:
 def _found(task: dict[str, Any], folder: Path) -> dict[str, Any]:
     from taichi_membrane.execution.run import run
 
-    scene, base = Scene.model_validate(task["scene"]), Path(task["base"])
+    scene, base = Scene.model_validate(task["scene"]).without_cases(), Path(task["base"])
     if task["mesh"] is not None and isinstance(scene.mesh, MeshFile):
         base = folder
         (base / scene.mesh.path).write_bytes(base64.b64decode(task["mesh"]))

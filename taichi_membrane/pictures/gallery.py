@@ -33,6 +33,7 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
         draw_frame(_frame(result, step, camera, box), look=look, camera=view, path=path)
         pictures.append(path)
         yield path
+    pictures = pictures[: len(result.stage_steps)]  # cases do not follow one another
     if len(pictures) > 1:
         write_animation(pictures, directory / "animation.gif")
         yield directory / "animation.gif"
@@ -79,6 +80,8 @@ def _scalar(step: StepResult, camera: Camera) -> Floats | None:
     if fields.named(camera.field).picture == "states":
         return None
     values = step.fields[camera.field]
+    if camera.field == "utilisation":  # undefined of fabrics without a strength
+        values = np.nan_to_num(values, nan=0.0)
     return np.asarray(values if values.ndim == 1 else np.linalg.norm(values, axis=1))
 
 
@@ -127,10 +130,10 @@ def _frame(result: RunResult, step: StepResult, camera: Camera, box: tuple[Float
         slack_margin=slack,
         wrinkle_direction=direction,
         scalar=scalar,
-        scalar_label=fields.named(camera.field).label(scene.units),
+        scalar_label=fields.named(camera.field).label(scene.field_units),
         cables=np.asarray(line_elements(scene, mesh)[0], dtype=np.int32),
         cable_force=step.cable_forces,
-        cable_label=fields.named("cable_force").label(scene.units),
+        cable_label=fields.named("cable_force").label(scene.field_units),
         title=scene.title or scene.name,
         subtitle=step_words(scene, step),
         length_unit=scene.units.length,

@@ -7,9 +7,11 @@ from taichi_membrane.scene.base import (
     Vector,
 )
 from taichi_membrane.scene.built import ArchTentShape, MattressShape
+from taichi_membrane.scene.case import Case
+from taichi_membrane.scene.check import Check
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.element_field import ElementField, WarpSource
-from taichi_membrane.scene.fabric import Fabric
+from taichi_membrane.scene.fabric import Fabric, Safety
 from taichi_membrane.scene.growth import Shrinkage, Temperature
 from taichi_membrane.scene.loads import (
     AnyLoad,
@@ -36,7 +38,7 @@ from taichi_membrane.scene.mesh_source import (
     TubeShape,
     WedgeShape,
 )
-from taichi_membrane.scene.models import Check, Group, Scene, Units
+from taichi_membrane.scene.models import Group, Scene
 from taichi_membrane.scene.obstacles import (
     WALLS,
     BoxObstacle,
@@ -64,6 +66,7 @@ from taichi_membrane.scene.probe import (
     ResultantProbe,
     RotationProbe,
     StressProbe,
+    UtilisationProbe,
     VolumeProbe,
 )
 from taichi_membrane.scene.solver import Modes, Solver
@@ -78,6 +81,7 @@ from taichi_membrane.scene.support import (
     Support,
     Translation,
 )
+from taichi_membrane.scene.unit_names import Units
 
 __all__ = [
     "WALLS",
@@ -96,6 +100,7 @@ __all__ = [
     "Cable",
     "CableProbe",
     "Camera",
+    "Case",
     "Check",
     "Component",
     "Components",
@@ -132,6 +137,7 @@ __all__ = [
     "ResultantProbe",
     "Rotation",
     "RotationProbe",
+    "Safety",
     "Scene",
     "Shrinkage",
     "SnowLoad",
@@ -147,6 +153,7 @@ __all__ = [
     "Translation",
     "TubeShape",
     "Units",
+    "UtilisationProbe",
     "Vector",
     "VolumeProbe",
     "WallContact",

@@ -11,6 +11,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchema
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from taichi_membrane.scene import quantity
+
 # Products of six such numbers, as areas squared and energies are, neither overflow nor vanish in double precision.
 LARGEST, SMALLEST = 1e30, 1e-30
 
@@ -38,7 +40,33 @@ def _readable(value: str) -> str:
 Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_not_tiny)]
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Friction = Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
+# Numbers that may as well be a text with a unit, by their dimension.
+Length = Annotated[Finite, quantity.LENGTH]
+PositiveLength = Annotated[Positive, quantity.LENGTH]
+LengthFromZero = Annotated[NotNegative, quantity.LENGTH]
+Force = Annotated[Finite, quantity.FORCE]
+PositiveForce = Annotated[Positive, quantity.FORCE]
+PerLength = Annotated[Finite, quantity.PER_LENGTH]
+PositivePerLength = Annotated[Positive, quantity.PER_LENGTH]
+PerLengthFromZero = Annotated[NotNegative, quantity.PER_LENGTH]
+Stress = Annotated[Finite, quantity.STRESS]
+PositiveStress = Annotated[Positive, quantity.STRESS]
+PositiveVolume = Annotated[Positive, quantity.VOLUME]
+PositivePerVolume = Annotated[Positive, quantity.PER_VOLUME]
+PositiveAcceleration = Annotated[Positive, quantity.ACCELERATION]
+PositiveMassPerArea = Annotated[Positive, quantity.MASS_PER_AREA]
+PositiveMassPerVolume = Annotated[Positive, quantity.MASS_PER_VOLUME]
+MassPerLengthFromZero = Annotated[NotNegative, quantity.MASS_PER_LENGTH]
+Moment = Annotated[Finite, quantity.MOMENT]
+Quantity = Annotated[Finite, quantity.ANY]  # of a dimension that other entries of the scene tell
+PositiveQuantity = Annotated[Positive, quantity.ANY]
+Place = tuple[Length, Length, Length]
+ForceVector = tuple[Force, Force, Force]
+MomentVector = tuple[Moment, Moment, Moment]
+StressVector = tuple[Stress, Stress, Stress]
+PerLengthVector = tuple[PerLength, PerLength, PerLength]
 Direction = Annotated[Vector, AfterValidator(_has_length)]
 GroupName = Annotated[str, Field(min_length=1, max_length=200)]  # groups of mesh files have names of any kind
 Label = Annotated[str, Field(max_length=300), AfterValidator(_readable)]

@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from taichi_membrane.scene.base import LARGEST, Count, Positive, Record
+from taichi_membrane.scene.base import Count, LengthFromZero, PositiveLength, Record
 
-Length = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Cells = Annotated[int, Field(ge=1, le=1000)]
 Share = Annotated[float, Field(ge=0.05, le=0.95)]
 Half = Annotated[int, Field(ge=2, le=20_000)]
@@ -25,11 +24,11 @@ class ArchTentShape(Record):
 
     shape: Literal["arch_tent"]
     """A tent on inflated arches."""
-    span: Positive
+    span: PositiveLength
     """Distance of the centres of an arch's feet, along x [length]."""
-    radius: Positive
+    radius: PositiveLength
     """Radius of the tubes [length]."""
-    spacing: Positive
+    spacing: PositiveLength
     """Distance of the planes of neighbouring arches, along y [length]."""
     around: Annotated[int, Field(ge=4, le=20_000)]
     """Elements around a tube, even."""
@@ -43,7 +42,7 @@ class ArchTentShape(Record):
     """Angle of the arcs [degrees]."""
     seam: Annotated[float, Field(ge=0, le=180)] = 0.0
     """Where the skin is sewn to a tube [degrees]: 0 on its outer line, 90 where it faces the next arch, 180 on its inner line."""
-    sag: Length = 0.0
+    sag: LengthFromZero = 0.0
     """How much nearer to the arcs' axis the skin is cut half-way between arches, as a parabola [length]."""
     ends: Literal["open", "closed"] = "open"
     """``closed`` adds a flat gable within the first and the last arch, sewn to their inner lines."""
@@ -64,11 +63,11 @@ class MattressShape(Record):
 
     shape: Literal["mattress"]
     """A mattress of cells."""
-    width: Positive
+    width: PositiveLength
     """Size along x [length]."""
-    length: Positive
+    length: PositiveLength
     """Size along y [length]."""
-    height: Positive
+    height: PositiveLength
     """Height of the walls between cells [length]."""
     cells_x: Cells
     """Cells along x."""
@@ -95,11 +94,11 @@ class HyparShape(Record):
 
     shape: Literal["hypar"]
     """A four-point sail."""
-    width: Positive
+    width: PositiveLength
     """Distance of the corners along x [length]."""
-    depth: Positive
+    depth: PositiveLength
     """Distance of the corners along y [length]."""
-    rise: Length
+    rise: LengthFromZero
     """Height of the high corners over the low ones [length]; 0 is a flat sail."""
     along: Half
     """Elements along an edge."""
@@ -117,11 +116,11 @@ class ConeShape(Record):
 
     shape: Literal["cone"]
     """A tent that a mast lifts."""
-    radius: Positive
+    radius: PositiveLength
     """Radius of the rim, of its corners where it has some [length]."""
-    ring: Positive
+    ring: PositiveLength
     """Radius of the ring [length]."""
-    height: Length
+    height: LengthFromZero
     """Height of the ring over the rim [length]; 0 is a flat tent."""
     around: Annotated[int, Field(ge=3, le=20_000)]
     """Elements round the ring, a multiple of ``corners``."""
@@ -144,11 +143,11 @@ class DropStitchShape(Record):
 
     shape: Literal["drop_stitch"]
     """A panel of two skins that yarns hold."""
-    width: Positive
+    width: PositiveLength
     """Size of the skins along x [length]."""
-    length: Positive
+    length: PositiveLength
     """Size of the skins along y [length]."""
-    height: Positive
+    height: PositiveLength
     """Distance of the skins [length]."""
     along_x: Half
     """Elements of a skin along x."""
@@ -176,7 +175,7 @@ class AirbagShape(Record):
     """Two flat sheets sewn along their rim."""
     outline: Literal["square", "disc"]
     """Outline of the sheets."""
-    size: Positive
+    size: PositiveLength
     """Side of the square, or diameter of the disc [length]."""
     divisions: Annotated[int, Field(ge=2, le=3000)]
     """Elements from the middle to the rim."""
@@ -194,9 +193,9 @@ class WaterTubeShape(Record):
 
     shape: Literal["water_tube"]
     """A tube on a plane."""
-    radius: Positive
+    radius: PositiveLength
     """Radius of its round section [length]."""
-    length: Positive
+    length: PositiveLength
     """Length of its wall [length]."""
     around: Annotated[int, Field(ge=4, le=20_000)]
     """Elements round it, a multiple of 4."""
@@ -217,7 +216,7 @@ class PumpkinShape(Record):
 
     shape: Literal["pumpkin"]
     """A balloon of lobes between tendons."""
-    radius: Positive
+    radius: PositiveLength
     """Radius of the tendons at the equator [length]."""
     gores: Annotated[int, Field(ge=3, le=1000)]
     """Gores, and tendons."""
@@ -243,9 +242,9 @@ class HullShape(Record):
 
     shape: Literal["hull"]
     """The hull of an airship."""
-    length: Positive
+    length: PositiveLength
     """From nose to tail [length]."""
-    radius: Positive
+    radius: PositiveLength
     """Radius of the largest section [length]."""
     around: Annotated[int, Field(ge=8, le=20_000)]
     """Elements round the hull, a multiple of 8 and of ``fins``; fewer near the ends."""
@@ -259,9 +258,9 @@ class HullShape(Record):
     """Where a fin's root begins, as a share of the length from the nose."""
     fin_to: Share = 0.9
     """Where it ends."""
-    fin_reach: Positive | None = None
+    fin_reach: PositiveLength | None = None
     """Distance of the tip edge from the axis [length]; 1.3 ``radius`` without it."""
-    fin_sweep: Length = 0.0
+    fin_sweep: LengthFromZero = 0.0
     """How far behind the front of the root the tip edge begins [length]."""
     fin_up: Count = 4
     """Elements of a fin from hull to tip."""

@@ -135,12 +135,12 @@ DRIVERS: tuple[DriverKind, ...] = (
     DriverKind(
         name="amount", table="pressures", key="amount", unit=lambda units, _: units.volume,
         words=lambda item: f"of gas, as its volume at {item.ambient:g}", possible=_holds_gas,
-        used=lambda scene, name: any(name in shut_by(scene, stage) for stage in scene.stages),
+        used=lambda scene, name: any(name in shut_by(scene, stage) for stage in scene.ramps),
     ),
     DriverKind(
         name="ambient", table="pressures", key="ambient", unit=lambda units, _: units.stress,
         words=lambda item: f"{item.ambient:g} at first", start=lambda item: item.ambient, possible=_holds_gas,
-        used=lambda scene, _: any(stage.ambient is not None for stage in scene.stages),
+        used=lambda scene, _: any(stage.ambient is not None for stage in scene.ramps),
     ),
     DriverKind(
         name="load", table="loads", key="loads", unit=_load_unit, words=_load_words, scaled=_load_scaled,

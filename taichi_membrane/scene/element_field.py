@@ -6,7 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene.base import Direction, GroupName, Positive, Record, Vector
+from taichi_membrane.scene.base import Direction, GroupName, Place, Positive, Record
 
 
 class ElementField(Record):
@@ -27,7 +27,7 @@ class WarpSource(Record):
     """A line: the mesh edges with both ends in a node group, or a group of line elements; the direction of its nearest piece."""
     around: Direction | None = None
     """Direction of an axis that the warp runs around, as a hoop."""
-    through: Vector | None = None
+    through: Place | None = None
     """A point of the axis of ``around`` [length]; the origin without it."""
 
     @model_validator(mode="after")

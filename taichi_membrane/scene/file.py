@@ -46,15 +46,24 @@ def with_overrides(source: Path | str, data: dict[str, Any], overrides: Sequence
     :param source: file or name, for messages.
     :raises InputError: not a scene.
     """
-    changed = copy.deepcopy(data)
-    for override in overrides:
-        _override(source, changed, override)
+    changed = changed_data(source, data, overrides)
     try:
         return Scene.model_validate(changed)
     except ValidationError as error:
         told = mistakes(error, changed, Scene)
     where = f"{source} with {' '.join(overrides)}" if overrides and _is_scene(data) else str(source)
     raise InputError(f"{where}: {told}")
+
+
+def changed_data(source: Path | str, data: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """A scene's tables with keys replaced as in :func:`load_scene`, not validated; ``data`` stays as it is.
+
+    :raises InputError: an override that is none, or a list on its way has no such item.
+    """
+    changed = copy.deepcopy(data)
+    for override in overrides:
+        _override(source, changed, override)
+    return changed
 
 
 def shipped_scenes() -> dict[str, Path]:

@@ -35,16 +35,16 @@ def check(scene: Scene) -> None:
             f"stages.{scene.stages[0].name}.kind = 'form_find' is not implemented for a scene with planes, obstacles or contact"
         )
     fabrics = {"fabric": scene.fabric, **{f"fabrics.{name}": one for name, one in scene.fabrics.items()}}
-    for key, fabric in fabrics.items():
+    where = f"stages.{scene.stages[0].name}"
+    for name, fabric in fabrics.items():
         if fabric is None:
             continue
-        if isinstance(fabric.prestress, ElementField):
-            raise ValueError(
-                f"{key}.prestress: stages.{scene.stages[0].name} finds the shape of one stress of each fabric, not of element data"
-            )
-        warp, weft, shear = fabric.prestress
+        key = f"{name}.{fabric.prestress_key}"
+        if isinstance(fabric.given_prestress, ElementField):
+            raise ValueError(f"{key}: {where} finds the shape of one stress of each fabric, not of element data")
+        warp, weft, shear = fabric.given_prestress
         if warp <= 0 or weft <= 0 or warp * weft <= shear**2:
             raise ValueError(
-                f"{key}.prestress = {list(fabric.prestress)}: stages.{scene.stages[0].name} finds the shape of this stress, which "
+                f"{key} = {list(fabric.given_prestress)}: {where} finds the shape of this stress, which "
                 "has to be a tension in all directions: warp and weft above 0, and warp · weft above shear²"
             )

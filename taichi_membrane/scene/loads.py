@@ -7,7 +7,20 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from taichi_membrane.scene.base import MOST, Direction, Finite, GroupName, Name, Positive, Record, Vector
+from taichi_membrane.scene.base import (
+    MOST,
+    Direction,
+    Finite,
+    ForceVector,
+    GroupName,
+    MomentVector,
+    Name,
+    Place,
+    PositiveAcceleration,
+    PositivePerVolume,
+    PositiveStress,
+    Record,
+)
 from taichi_membrane.scene.element_field import ElementField
 
 Groups = GroupName | Annotated[list[GroupName], Field(max_length=MOST)]
@@ -31,11 +44,11 @@ class Pressure(Record):
     """Element groups against whose normals it acts: walls whose normals point into the chamber."""
     kind: Literal["follower", "fixed"] = "follower"
     """``follower`` stays normal to the moving surface, ``fixed`` keeps direction and size of the unstressed shape."""
-    ambient: Positive | None = None
+    ambient: PositiveStress | None = None
     """Absolute pressure outside [force/length²], for stages that shut the valve, until a stage changes it; amounts refer to it."""
     exponent: Annotated[float, Field(ge=1, le=2)] = 1.0
     """Exponent n of p_abs Vⁿ in a shut chamber: 1 isothermal, 1.4 adiabatic air."""
-    relief: Positive | None = None
+    relief: PositiveStress | None = None
     """Pressure at which a relief valve lets gas out of a shut chamber, which never has more [force/length²]; none without it."""
 
 
@@ -77,7 +90,7 @@ class WeightLoad(Record):
 
     kind: Literal["weight"]
     """Self-weight."""
-    g: Positive
+    g: PositiveAcceleration
     """Acceleration of gravity [length/time²], in the time unit of the masses."""
     direction: Direction = (0.0, 0.0, -1.0)
     """Direction of gravity; its length does not matter."""
@@ -136,7 +149,7 @@ class WindTable(Record):
     cylinder, of the wind across its axis. Real wind separates behind; here there is no drag."""
     direction: Direction
     """Direction that the wind blows in."""
-    centre: Vector
+    centre: Place
     """Centre of the sphere, or a point of the cylinder's axis [length]."""
     axis: Direction | None = None
     """Direction of the cylinder's axis; a sphere without it."""
@@ -165,7 +178,7 @@ class WindLoad(Record):
 
     kind: Literal["wind"]
     """Wind by pressure coefficients."""
-    q: Positive
+    q: PositiveStress
     """Velocity pressure [force/length²]."""
     cp: ElementField | Annotated[dict[GroupName, Finite], Field(max_length=MOST)] = {}
     """Coefficient of each element group, where that of ``all`` is for what no other group holds; or ``{ field = "NAME" }``."""
@@ -205,7 +218,7 @@ class WaterLoad(Record):
 
     kind: Literal["water"]
     """A standing liquid."""
-    specific_weight: Positive
+    specific_weight: PositivePerVolume
     """Weight per volume [force/length³]."""
     given: Literal["level", "volume"] = "level"
     """What stages give: the height of the ``level``, or the ``volume``, whose level follows the moving surface."""
@@ -213,7 +226,7 @@ class WaterLoad(Record):
     """Side of the elements that it stands on: ``front``, which their normals point to, or ``back``, the inside of a body."""
     group: Groups = "all"
     """Element groups that it wets."""
-    floor: Vector = (0.0, 0.0, 0.0)
+    floor: Place = (0.0, 0.0, 0.0)
     """A point at the height where the level is zero [length]; no element of the group lies below it at rest."""
     up: Direction = (0.0, 0.0, 1.0)
     """Direction upwards; its length does not matter."""
@@ -242,12 +255,12 @@ class BodyLoad(Record):
     """A force and a moment on a rigid body."""
     body: Name
     """Name of the body."""
-    force: Vector = (0.0, 0.0, 0.0)
+    force: ForceVector = (0.0, 0.0, 0.0)
     """Force at factor 1 [force]."""
-    at: Vector | None = None
+    at: Place | None = None
     """Point of the unstressed body at which the force acts [length], in the plane or line of nodes that lie in one; the centre
     without it."""
-    moment: Vector = (0.0, 0.0, 0.0)
+    moment: MomentVector = (0.0, 0.0, 0.0)
     """Moment at factor 1, right-handed [force · length]."""
     couple: Literal["dead", "axial"] = "dead"
     """What the moment does where the body turns: ``dead`` as forces that keep their directions, ``axial`` stays as it is."""

@@ -6,9 +6,21 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene.base import LARGEST, MOST, Direction, Finite, Friction, GroupName, Positive, Record, Vector
-
-NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+from taichi_membrane.scene.base import (
+    MOST,
+    Direction,
+    Force,
+    Friction,
+    GroupName,
+    MassPerLengthFromZero,
+    PerLengthFromZero,
+    Place,
+    Positive,
+    PositiveForce,
+    PositiveLength,
+    PositivePerLength,
+    Record,
+)
 
 
 class Cable(Record):
@@ -29,19 +41,19 @@ class Cable(Record):
     """Elements from each of ``nodes`` to the next; their new nodes are the node group of the cable's name."""
     sliding: bool = False
     """The cable runs over its inner ``nodes`` without friction: one force all along. Closed where the last node is the first."""
-    EA: Positive
+    EA: PositiveForce
     """Modulus times cross section [force]."""
-    force: Positive | None = None
+    force: PositiveForce | None = None
     """Force in the shape that a stage of kind ``form_find`` finds [force]; it decides the unstressed length."""
-    force_density: Positive | None = None
+    force_density: PositivePerLength | None = None
     """Force over length of each element in that shape, in place of ``force`` [force/length]."""
-    prestress: Finite = 0.0
+    prestress: Force = 0.0
     """Force at the unstressed length [force]."""
     unstressed: Positive | None = None
     """Unstressed length L over the distance of the nodes in the mesh; 1 without it and ``length``."""
-    length: Positive | None = None
+    length: PositiveLength | None = None
     """Unstressed length of the whole cable, in place of ``unstressed`` [length]; elements share it by their lengths in the mesh."""
-    mass_per_length: Annotated[Finite, Field(ge=0)] = 0.0
+    mass_per_length: MassPerLengthFromZero = 0.0
     """Mass per unstressed length [force · time²/length²], for self-weight."""
     kind: Literal["cable", "bar"] = "cable"
     """A ``cable`` goes slack, a ``bar`` bears compression as well."""
@@ -92,9 +104,7 @@ class Spring(Record):
 
     group: GroupName
     """Node group."""
-    stiffness: (
-        Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False)] | tuple[NotNegative, NotNegative, NotNegative]
-    )
+    stiffness: PositivePerLength | tuple[PerLengthFromZero, PerLengthFromZero, PerLengthFromZero]
     """Of each node's spring, along ``direction`` or along x, y, z [force/length]."""
     direction: Direction | None = None
     """From the ground to the node, of a spring along one direction."""
@@ -115,8 +125,8 @@ class Spring(Record):
 class Plane(Record):
     """A rigid plane that nodes touch and do not pass; what touches it at rest may lie on it by weight."""
 
-    through: Vector
-    """A point of it."""
+    through: Place
+    """A point of it [length]."""
     normal: Direction
     """Direction of its normal, to the side where the structure is."""
     group: GroupName = "all"

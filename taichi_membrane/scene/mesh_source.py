@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from taichi_membrane.scene.base import Count, Positive, Record
+from taichi_membrane.scene.base import Count, Positive, PositiveLength, Record
 from taichi_membrane.scene.built import (
     AirbagShape,
     ArchTentShape,
@@ -31,22 +31,22 @@ class TubeGrade(Record):
     Rings lie in line then: ``pattern`` must be ``alternating``, which suits six-node triangles, or ``diagonal``.
     """
 
-    start: Positive | None = None
+    start: PositiveLength | None = None
     """Length of the bands beside the ring ``start`` [length]; even without it."""
-    middle: Positive | None = None
+    middle: PositiveLength | None = None
     """Length of the bands beside the ring ``middle`` [length]; even without it."""
-    end: Positive | None = None
+    end: PositiveLength | None = None
     """Length of the bands beside the ring ``end`` [length]; even without it."""
 
 
 class ArchGrade(Record):
     """Lengths of the bands of elements beside some rings of an arch, along the arc; as those of a tube."""
 
-    start: Positive | None = None
+    start: PositiveLength | None = None
     """Length of the bands beside the ring ``start`` [length]; even without it."""
-    crown: Positive | None = None
+    crown: PositiveLength | None = None
     """Length of the bands beside the ring ``crown`` [length]; even without it."""
-    end: Positive | None = None
+    end: PositiveLength | None = None
     """Length of the bands beside the ring ``end`` [length]; even without it."""
 
 
@@ -55,9 +55,9 @@ class TubeShape(Record):
 
     shape: Literal["tube"]
     """A straight tube."""
-    radius: Positive
+    radius: PositiveLength
     """Radius [length]."""
-    length: Positive
+    length: PositiveLength
     """Length without caps [length]."""
     around: Annotated[int, Field(ge=3, le=20_000)]
     """Elements around."""
@@ -82,9 +82,9 @@ class ArchShape(Record):
 
     shape: Literal["arch"]
     """A tube along a circular arc."""
-    span: Positive
+    span: PositiveLength
     """Distance of the feet's centres [length]."""
-    radius: Positive
+    radius: PositiveLength
     """Radius of the tube [length]."""
     around: Annotated[int, Field(ge=3, le=20_000)]
     """Elements around the tube."""
@@ -107,9 +107,9 @@ class CushionShape(Record):
 
     shape: Literal["cushion"]
     """Two sheets seamed along their rim."""
-    width: Positive
+    width: PositiveLength
     """Side along x [length]."""
-    height: Positive
+    height: PositiveLength
     """Side along y [length]."""
     along_x: Count
     """Squares along x."""
@@ -128,9 +128,9 @@ class PanelShape(Record):
 
     shape: Literal["panel"]
     """A flat rectangle."""
-    width: Positive
+    width: PositiveLength
     """Side along x [length]."""
-    height: Positive
+    height: PositiveLength
     """Side along y [length]."""
     along_x: Count
     """Squares along x."""
@@ -149,7 +149,7 @@ class SphereShape(Record):
 
     shape: Literal["sphere"]
     """A sphere."""
-    radius: Positive
+    radius: PositiveLength
     """Radius [length]."""
     divisions: Annotated[int, Field(ge=1, le=3000)]
     """Parts of each edge of the octahedron."""
@@ -164,7 +164,7 @@ class DiscShape(Record):
 
     shape: Literal["disc"]
     """A flat disc."""
-    radius: Positive
+    radius: PositiveLength
     """Radius [length]."""
     rings: Annotated[int, Field(ge=1, le=3000)]
     """Rings of elements."""
@@ -181,9 +181,9 @@ class AnnulusShape(Record):
 
     shape: Literal["annulus"]
     """A flat ring."""
-    inner: Positive
+    inner: PositiveLength
     """Inner radius [length]."""
-    outer: Positive
+    outer: PositiveLength
     """Outer radius [length]."""
     around: Annotated[int, Field(ge=3, le=20_000)]
     """Elements around."""
@@ -200,7 +200,7 @@ class WedgeShape(Record):
 
     shape: Literal["wedge"]
     """A sector of a disc."""
-    radius: Positive
+    radius: PositiveLength
     """Radius [length]."""
     angle: Annotated[float, Field(gt=0, le=180)]
     """Angle at the apex [degrees]."""
@@ -240,7 +240,7 @@ class MeshFile(Record):
     """Factor on its coordinates, say 1000 from metres to millimetres."""
     open_seams: bool = False
     """Keep free edges that lie on each other apart, as slits."""
-    join: Positive | None = None
+    join: PositiveLength | None = None
     """Distance at which ``--repair`` joins free edges [length]; by the digits of the file without it."""
     order: Order = 1
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""

@@ -135,7 +135,7 @@ def _place(location: tuple[int | str, ...], data: Any, model: type[BaseModel]) -
             arguments = get_args(bare)
             annotation = arguments[1 if origin is dict else 0] if arguments else None
         value = _item(value, part)
-        key = _item_key(key, part, value)
+        key = item_key(key, part, value)
     return _Place(key, table, annotation)
 
 
@@ -152,7 +152,7 @@ def _bare(annotation: Any) -> Any:
 
 def _branch(label: str) -> str:
     """A branch's name without the validators that pydantic writes around it: of ``function-after[check(), Name]``, ``Name``."""
-    while match := re.fullmatch(r"function-\w+\[\w+\(\), (.*)\]", label):
+    while match := re.fullmatch(r"function-\w+\[[\w.]+\(\), (.*)\]", label):
         label = match[1]
     return label
 
@@ -186,7 +186,7 @@ def _joined(table: str, key: str) -> str:
     return f"{table}.{key}" if table else key
 
 
-def _item_key(key: str, part: int | str, value: Any) -> str:
+def item_key(key: str, part: int | str, value: Any) -> str:
     """Items of a list go by their name where they have one, else by number, from 1."""
     if isinstance(part, str):
         return _joined(key, part)

@@ -8,13 +8,15 @@ counter-clockwise triangles, for a closed body outwards.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ModelWrapValidatorHandler, model_validator
 
 from taichi_membrane import fields
-from taichi_membrane.scene import drivers, forming, order, valves
-from taichi_membrane.scene.base import MOST, Finite, Label, Name, Positive, Record, Vector
+from taichi_membrane.scene import case, drivers, forming, order, texts, valves
+from taichi_membrane.scene.base import MOST, Label, Name, Place, Record
+from taichi_membrane.scene.case import Case
+from taichi_membrane.scene.check import Check
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.element_field import ElementField
 from taichi_membrane.scene.fabric import Fabric
@@ -35,45 +37,10 @@ from taichi_membrane.scene.probe import (
 from taichi_membrane.scene.solver import Modes, Solver
 from taichi_membrane.scene.stage import Stage
 from taichi_membrane.scene.support import Body, BodyRotation, BodyTranslation, Motion, Support
+from taichi_membrane.scene.unit_names import FieldUnits, Units
 
 DIFFERENTIABLE = ("displacement", "radius", "rotation", "volume")  # kinds of probes that derivatives exist for
 _FEW = Field(max_length=MOST)
-
-
-class Units(Record):
-    """The consistent units all numbers of a scene are in; only labels depend on them."""
-
-    length: Literal["mm", "cm", "m", "in", "ft"]
-    """Unit of every length."""
-    force: Literal["N", "kN", "MN", "lbf"]
-    """Unit of every force; stress and pressure are force per length²."""
-
-    @property
-    def stress(self) -> str:
-        """Label of force per area."""
-        return {("mm", "N"): "MPa", ("m", "N"): "Pa", ("m", "kN"): "kPa", ("m", "MN"): "MPa", ("in", "lbf"): "psi"}.get(
-            (self.length, self.force), f"{self.force}/{self.length}²"
-        )
-
-    @property
-    def volume(self) -> str:
-        """Label of volume."""
-        return f"{self.length}³"
-
-    @property
-    def resultant(self) -> str:
-        """Label of force per width."""
-        return f"{self.force}/{self.length}"
-
-    @property
-    def area(self) -> str:
-        """Label of area."""
-        return f"{self.length}²"
-
-    @property
-    def energy(self) -> str:
-        """Label of force times length."""
-        return f"{self.force}·{self.length}"
 
 
 class Group(Record):
@@ -83,37 +50,6 @@ class Group(Record):
     """Condition on coordinates, such as ``x = 0 within 1e-6 and z > 3``; elements belong by their centroid."""
     kind: Literal["nodes", "elements"] = "nodes"
     """Whether it names nodes or elements."""
-
-
-class Check(Record):
-    """A probe's value at one load step against a reference; ``step`` counts from 1, or from the stage's end with -1 (of a stage
-    that may end early, from the last step done).
-
-    Give ``tolerance`` (relative to the reference) or ``absolute``. ``source`` says where the reference comes from.
-    """
-
-    probe: str
-    """Name of the probe."""
-    stage: str
-    """Name of the stage."""
-    step: int = -1
-    """Load step of the stage from 1, or from its end with -1."""
-    reference: Finite
-    """What the value should be."""
-    tolerance: Positive | None = None
-    """Largest error relative to the reference."""
-    absolute: Positive | None = None
-    """Largest absolute error."""
-    source: Annotated[Label, Field(min_length=1)]
-    """Where the reference comes from."""
-
-    @model_validator(mode="after")
-    def _one_tolerance(self) -> Self:
-        if (self.tolerance is None) == (self.absolute is None):
-            raise ValueError("give either tolerance (relative) or absolute")
-        if self.tolerance is not None and self.reference == 0:
-            raise ValueError("a relative tolerance of a zero reference can never hold; give absolute")
-        return self
 
 
 class Scene(Record):
@@ -137,10 +73,10 @@ class Scene(Record):
     """Fabric of each element group."""
     cables: Annotated[dict[Name, Cable], _FEW] = {}
     """Cables and bars by name."""
-    anchors: Annotated[dict[Name, Vector], _FEW] = {}
-    """Points of the ground that cables end at, each a node group of its name, held in x, y and z."""
-    joints: Annotated[dict[Name, Vector], _FEW] = {}
-    """Free points where cables meet, such as pulleys, each a node group of its name."""
+    anchors: Annotated[dict[Name, Place], _FEW] = {}
+    """Points of the ground that cables end at [length], each a node group of its name, held in x, y and z."""
+    joints: Annotated[dict[Name, Place], _FEW] = {}
+    """Free points where cables meet [length], such as pulleys, each a node group of its name."""
     springs: Annotated[dict[Name, Spring], _FEW] = {}
     """Springs from nodes to the ground, by name."""
     planes: Annotated[dict[Name, Plane], Field(max_length=8)] = {}
@@ -165,6 +101,8 @@ class Scene(Record):
     """Changes of temperature by name."""
     stages: Annotated[list[Stage], Field(min_length=1, max_length=MOST)]
     """Ramps of pressures, loads and motions, one after another."""
+    cases: Annotated[list[Case], _FEW] = []
+    """Load cases, each from the end of a stage and independent of one another."""
     probes: Annotated[dict[Name, Probe], _FEW] = {}
     """What is measured at every load step, by name."""
     checks: Annotated[list[Check], _FEW] = []
@@ -180,23 +118,34 @@ class Scene(Record):
     solver: Solver = Solver()
     """How equilibrium is found."""
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_its_units(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Convert texts with a unit, such as ``"35 kPa"``."""
+        with texts.units_of(data):
+            scene = handler(data)
+        texts.check_dimensions(scene, data)
+        return scene
+
     @model_validator(mode="after")
     def _references(self) -> Self:
         names = [stage.name for stage in self.stages]
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
+        case.check(self)
+        names += [one.name for one in self.cases]
         forming.check(self)
         valves.check(self)
-        for stage in self.stages:
+        for stage in self.ramps:
             if stage.control == "arc_length" and self.solver.kind == "relaxation":
-                raise ValueError(f"stages.{stage.name}.control = 'arc_length' needs solver.kind 'hybrid' or 'newton'")
+                raise ValueError(f"{stage.key}.control = 'arc_length' needs solver.kind 'hybrid' or 'newton'")
             for kind in drivers.DRIVERS:
                 for name in kind.asked(stage, ()):
-                    _known(name, kind.allowed(self), f"stages.{stage.name}.{kind.key}", f"a {kind.name}")
+                    _known(name, kind.allowed(self), f"{stage.key}.{kind.key}", f"a {kind.name}")
         for number, check in enumerate(self.checks, 1):
             _known(check.probe, self.probes, f"checks[{number}].probe", "a probe")
-            _known(check.stage, names, f"checks[{number}].stage", "a stage")
-            steps = next(stage.steps for stage in self.stages if stage.name == check.stage)
+            _known(check.stage, names, f"checks[{number}].stage", "a stage or case" if self.cases else "a stage")
+            steps = self.ramp(check.stage).steps
             if not (1 <= check.step <= steps or -steps <= check.step <= -1):
                 raise ValueError(f"checks[{number}].step = {check.step}, but stage {check.stage!r} has {steps} steps")
         for number, probe_name in enumerate(self.derivatives, 1):
@@ -211,6 +160,7 @@ class Scene(Record):
         for load_name, load in self.loads.items():
             if isinstance(load, WeightLoad):
                 self._check_masses(f"loads.{load_name}")
+        self._check_fabrics()
         self._check_snow()
         self._check_expansion()
         self.check_picture(self.camera.field)
@@ -248,6 +198,37 @@ class Scene(Record):
         return self
 
     @property
+    def ramps(self) -> list[Stage]:
+        """The stages, and after them the cases as the stages that they are solved as."""
+        return [*self.stages, *(case.stage_of(self, one) for one in self.cases)]
+
+    def without_cases(self) -> Scene:
+        """The stages alone, with what belongs to them."""
+        if not self.cases:
+            return self
+        names = [stage.name for stage in self.stages]
+        curve = self.curve if self.curve is None or self.curve.stage in (None, *names) else None
+        modes = self.modes if self.modes is None or self.modes.stage in (None, *names) else None
+        checks = [check for check in self.checks if check.stage in names]
+        return self.model_copy(update={"cases": [], "checks": checks, "curve": curve, "modes": modes})
+
+    def start_of(self, one: Case) -> str:
+        """Name of the stage at whose end a case starts."""
+        return one.after or self.stages[-1].name
+
+    def before(self, ramp: Stage) -> list[Stage]:
+        """The stages that lead to the start of a stage or case."""
+        names = [stage.name for stage in self.stages]
+        if ramp.name in names:
+            return self.stages[: names.index(ramp.name)]
+        one = next(one for one in self.cases if one.name == ramp.name)
+        return self.stages[: names.index(self.start_of(one)) + 1]
+
+    def ramp(self, name: str) -> Stage:
+        """The stage or case of a name."""
+        return next(one for one in self.ramps if one.name == name)
+
+    @property
     def order(self) -> int:
         """1 where the mesh has three-node triangles, 2 where six-node ones."""
         return getattr(self.mesh, "order", 1)
@@ -260,10 +241,11 @@ class Scene(Record):
     @property
     def extra_fields(self) -> tuple[str, ...]:
         """Names of the optional fields that its runs have: what differs by element, stress-free strain, contact."""
-        fabrics = [*self.fabrics.values(), *([] if self.fabric is None else [self.fabric])]
+        fabrics = self._fabrics.values()
         has = {
             "thickness": any(isinstance(one.thickness, ElementField) for one in fabrics),
-            "prestress": any(isinstance(one.prestress, ElementField) for one in fabrics),
+            "prestress": any(isinstance(one.given_prestress, ElementField) for one in fabrics),
+            "utilisation": any(one.has_strength for one in fabrics),
             "free_strain": bool(self.shrinkages or self.temperatures),
             "contact_force": bool(self.touchable),
             "contact_pressure": bool(self.touchable),
@@ -276,15 +258,43 @@ class Scene(Record):
         if fields.named(name).optional and name not in self.extra_fields:
             needs = {
                 "thickness": "a thickness by element data", "prestress": "a prestress by element data",
-                "free_strain": "shrinkages or temperatures",
+                "free_strain": "shrinkages or temperatures", "utilisation": "a fabric with a strength",
             }  # fmt: skip
             raise ValueError(f"camera.field: {name!r} needs {needs.get(name, 'planes or obstacles')} in the scene")
 
+    @property
+    def per_width(self) -> bool:
+        """Whether its fabrics are given by forces per width, so that their stresses are per width as well."""
+        return any(one.per_width for one in self._fabrics.values())
+
+    @property
+    def field_units(self) -> FieldUnits:
+        """Labels of the units of its fields."""
+        return FieldUnits(self.units, self.per_width)
+
+    @property
+    def _fabrics(self) -> dict[str, Fabric]:
+        """All fabrics, by their keys."""
+        default = {} if self.fabric is None else {"fabric": self.fabric}
+        return default | {f"fabrics.{name}": one for name, one in self.fabrics.items()}
+
+    def _check_fabrics(self) -> None:
+        """Refuse fabrics of which some have a thickness and some are given per width."""
+        ways: dict[bool, str] = {}
+        for key, fabric in self._fabrics.items():
+            ways.setdefault(fabric.per_width, key)
+        if len(ways) == 2:
+            raise ValueError(
+                f"{ways[True]} is given per width and {ways[False]} with a thickness, so that their stresses are not of one kind; "
+                "give all fabrics in one way: per width E times thickness is stiffness"
+            )
+
     def _check_masses(self, user: str) -> None:
         """Refuse a fabric without a mass."""
-        for name, fabric in {"fabric": self.fabric, **{f"fabrics.{n}": f for n, f in self.fabrics.items()}}.items():
-            if fabric is not None and not fabric.has_mass:
-                raise ValueError(f"{name}.density is missing (or mass_per_area): {user} needs it")
+        for name, fabric in self._fabrics.items():
+            if not fabric.has_mass:
+                key = "mass_per_area is missing" if fabric.per_width else "density is missing (or mass_per_area)"
+                raise ValueError(f"{name}.{key}: {user} needs it")
 
     def _check_snow(self) -> None:
         """Refuse loads per plan area of two directions."""
@@ -302,7 +312,7 @@ class Scene(Record):
 
     def _check_expansion(self) -> None:
         """Refuse a temperature that nothing answers to."""
-        fabrics = [*self.fabrics.values(), *([] if self.fabric is None else [self.fabric])]
+        fabrics = self._fabrics.values()
         if self.temperatures and not any(any(fabric.expansion) for fabric in fabrics):
             name = next(iter(self.temperatures))
             raise ValueError(f"temperatures.{name}: no fabric has an expansion; give fabric.expansion = [warp, weft]")
@@ -325,7 +335,7 @@ class Scene(Record):
             for stage in self.stages:
                 if stage.control == "arc_length" or stage.until in ("collapse", "collapse_or_target"):
                     key = "control = 'arc_length'" if stage.control == "arc_length" else f"until = {stage.until!r}"
-                    raise ValueError(f"stages.{stage.name}.{key} {told}")
+                    raise ValueError(f"{stage.key}.{key} {told}")
 
     def _check_cable_points(self) -> None:
         """Refuse points of cables that no cable uses, and a name that two have."""

@@ -7,7 +7,17 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from taichi_membrane.scene.base import LARGEST, Direction, Friction, GroupName, Positive, Record, Vector
+from taichi_membrane.scene.base import (
+    Direction,
+    Friction,
+    GroupName,
+    LengthFromZero,
+    Place,
+    Positive,
+    PositiveLength,
+    Record,
+    Vector,
+)
 
 _MOST_FACETS = 200_000
 _ALONG = 1e-6  # how far two axes may be off the right angle
@@ -35,8 +45,8 @@ class PlaneObstacle(Record):
     """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
     friction: Friction = 0.0
     """Coefficient of Coulomb friction; nodes slide freely without it."""
-    through: Vector
-    """A point of it."""
+    through: Place
+    """A point of it [length]."""
     normal: Direction
     """Direction of its normal, to the side where the structure is."""
 
@@ -52,9 +62,9 @@ class SphereObstacle(Record):
     """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
     friction: Friction = 0.0
     """Coefficient of Coulomb friction; nodes slide freely without it."""
-    centre: Vector
-    """Its centre."""
-    radius: Positive
+    centre: Place
+    """Its centre [length]."""
+    radius: PositiveLength
     """Its radius [length]."""
     inside: bool = False
     """Whether it is hollow, with the structure inside."""
@@ -71,15 +81,15 @@ class CylinderObstacle(Record):
     """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
     friction: Friction = 0.0
     """Coefficient of Coulomb friction; nodes slide freely without it."""
-    centre: Vector
-    """A point of its axis, the middle where it has ends."""
+    centre: Place
+    """A point of its axis [length], the middle where it has ends."""
     axis: Direction
     """Direction of its axis."""
-    radius: Positive
+    radius: PositiveLength
     """Its radius [length]."""
-    length: Positive | None = None
+    length: PositiveLength | None = None
     """From end to end [length]; infinite without it."""
-    rounding: Positive | None = None
+    rounding: PositiveLength | None = None
     """Radius of the edges of its ends [length]; a twentieth of the radius, or of the length where that is shorter."""
     inside: bool = False
     """Whether it is hollow, with the structure inside."""
@@ -104,15 +114,15 @@ class BoxObstacle(Record):
     """Displacement at value 1 of its motion, which stages set in ``obstacles``; without it the obstacle stays."""
     friction: Friction = 0.0
     """Coefficient of Coulomb friction; nodes slide freely without it."""
-    centre: Vector
-    """Its centre."""
-    size: tuple[Positive, Positive, Positive]
+    centre: Place
+    """Its centre [length]."""
+    size: tuple[PositiveLength, PositiveLength, PositiveLength]
     """Lengths of its sides along its own axes [length]."""
     axis_x: Direction = (1.0, 0.0, 0.0)
     """Direction of its first side."""
     axis_z: Direction = (0.0, 0.0, 1.0)
     """Direction of its third side, at right angles to the first."""
-    rounding: Positive | None = None
+    rounding: PositiveLength | None = None
     """Radius of its edges [length]; a twentieth of its shortest side without it."""
     inside: bool = False
     """Whether it is hollow, with the structure inside."""
@@ -160,7 +170,7 @@ class SurfaceObstacle(Record):
     """Numbers, from 0, of the three ``points`` of each triangle."""
     face: Literal["front", "back"] = "front"
     """Side where the structure is: to which the normals point, or the other one."""
-    offset: Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)] = 0.0
+    offset: LengthFromZero = 0.0
     """Distance from the surface at which nodes touch, which rounds its edges [length]."""
 
     @model_validator(mode="after")

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from taichi_membrane.scene.base import Component, Direction, GroupName, Name, Record, Vector
+from taichi_membrane.scene.base import Component, Direction, GroupName, Name, Place, Record
 
 
 class DisplacementProbe(Record):
@@ -51,8 +51,8 @@ class MomentProbe(Record):
     """Node group."""
     axis: Direction
     """Direction of the axis."""
-    through: Vector
-    """A point on it."""
+    through: Place
+    """A point on it [length]."""
 
 
 class RotationProbe(Record):
@@ -64,8 +64,8 @@ class RotationProbe(Record):
     """Node group."""
     axis: Direction
     """Direction of the axis."""
-    through: Vector
-    """A point on it."""
+    through: Place
+    """A point on it [length]."""
 
 
 class RadiusProbe(Record):
@@ -120,16 +120,29 @@ class StressProbe(Record):
 
 
 class ResultantProbe(Record):
-    """Extreme or area-mean principal stress resultant (Cauchy, on the deformed fabric) of an element group."""
+    """Extreme or area-mean stress resultant, force per width, of an element group."""
 
     kind: Literal["resultant"]
-    """Principal Cauchy stress resultant [force/length]."""
+    """Stress resultant [force/length]."""
     group: GroupName = "all"
     """Element group."""
-    which: Literal["major", "minor"] = "major"
-    """Major or minor one."""
+    which: Literal["major", "minor", "warp", "weft", "shear"] = "major"
+    """Principal ones, or along the fabric: ``warp``, ``weft``, and ``shear``."""
+    measure: Literal["Cauchy", "PK2"] = "Cauchy"
+    """``Cauchy``: per deformed width, along the deformed warp or weft; ``PK2``: second Piola–Kirchhoff stress times thickness at
+    rest, per unstressed width."""
     reduce: Literal["max", "min", "mean"] = "max"
     """Extreme or area mean."""
+
+
+class UtilisationProbe(Record):
+    """Largest utilisation of an element group, whose fabrics all have a strength: Cauchy resultant times factor on effects, over
+    strength over safety factor; in warp and weft, or of the major resultant."""
+
+    kind: Literal["utilisation"]
+    """Largest utilisation, 1 where a strength over its safety factor is reached."""
+    group: GroupName = "all"
+    """Element group."""
 
 
 class FactorProbe(Record):
@@ -209,6 +222,7 @@ Probe = Annotated[
     | LevelProbe
     | StressProbe
     | ResultantProbe
+    | UtilisationProbe
     | FactorProbe
     | AreaProbe
     | CableProbe

@@ -20,6 +20,7 @@ from pydantic import BaseModel
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.base import AllowedNames
 from taichi_membrane.scene.file import shipped_scenes
+from taichi_membrane.scene.quantity import UNITS
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 # Examples longer than this tell less than they cost.
@@ -28,10 +29,11 @@ _LONGEST_EXAMPLE = 100
 
 @cache
 def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """The text below each field of a model, by the field's name."""
+    """The text below each field of a model, or of a model that it extends, by the field's name."""
     (body,) = ast.parse(inspect.getsource(model)).body
     assert isinstance(body, ast.ClassDef)
-    found = {}
+    base = model.__bases__[0]
+    found = dict(meanings(base)) if issubclass(base, BaseModel) and base.model_fields else {}
     for field, text in zip(body.body, body.body[1:], strict=False):
         if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
             assert isinstance(field.target, ast.Name)
@@ -79,7 +81,10 @@ def page() -> str:
         "# Keys of a scene",
         "",
         "Made by `taichi-membrane schema --page` from the models in `taichi_membrane/scene/`; do not edit. Units stand in",
-        "brackets; length and force are those of `[units]`. Examples are from the shipped scenes. For completion in an editor",
+        "brackets; length and force are those of `[units]`. A number of a dimension may be a text with its own unit, such as",
+        '`"35 kPa"`, `"0.8 mm"`, `"800 kN/m"` or `"430 daN/5cm"`: it is converted. Units are those of',
+        f"{', '.join(f'`{name}`' for name in UNITS)}, and their products, quotients and powers (`·`, `/`, `²`).",
+        "Examples are from the shipped scenes. For completion in an editor",
         "that knows JSON schemas for TOML, save `taichi-membrane schema` as `scene.schema.json` and put",
         "`#:schema scene.schema.json` on the first line of a scene.",
     ]

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from taichi_membrane.scene.base import Direction, GroupName, Name, Record, Vector
+from taichi_membrane.scene.base import Direction, GroupName, Name, Place, Record
 
 
 def _distinct(value: str) -> str:
@@ -46,7 +46,7 @@ class Translation(Record):
     """A translation."""
     group: GroupName
     """Node group."""
-    direction: Vector
+    direction: Place
     """Displacement at factor 1 [length]."""
     hold: Components = "xyz"
     """Components that are prescribed; the others stay free."""
@@ -64,8 +64,8 @@ class Rotation(Record):
     """Node group."""
     axis: Direction
     """Direction of the axis, right-handed."""
-    through: Vector
-    """A point on it."""
+    through: Place
+    """A point on it [length]."""
     hold: Components = "xyz"
     """Components that are prescribed; the others stay free."""
 
@@ -81,7 +81,7 @@ class Body(Record):
     """Node group that is rigid."""
     lines: GroupName | None = None
     """Group of line elements whose nodes are rigid, in place of ``group``; their loose points become nodes."""
-    centre: Vector | None = None
+    centre: Place | None = None
     """Point whose displacement ``hold`` refers to and that rotations leave in place [length]; the mean of the nodes without it."""
     hold: Components | None = None
     """Which displacements of the centre are held."""
@@ -113,7 +113,7 @@ class BodyTranslation(Record):
     """A translation of a rigid body."""
     body: Name
     """Name of the body."""
-    direction: Vector
+    direction: Place
     """Displacement of the centre at factor 1 [length]."""
     hold: Components = "xyz"
     """Components that are prescribed; the others stay free, or held."""

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from taichi_membrane import fields
-from taichi_membrane.scene import BodyProbe, CableProbe, ContactProbe, FactorProbe, ResultantProbe, Scene, StressProbe
 from taichi_membrane.scene.drivers import driver_unit
+from taichi_membrane.scene.probe import BodyProbe, CableProbe, ContactProbe, FactorProbe, ResultantProbe, StressProbe
+
+if TYPE_CHECKING:
+    from taichi_membrane.scene.models import Scene
 
 
 def probe_unit(scene: Scene, name: str) -> str:
@@ -12,8 +17,10 @@ def probe_unit(scene: Scene, name: str) -> str:
     units, probe = scene.units, scene.probes[name]
     if isinstance(probe, FactorProbe):
         return driver_unit(scene, probe.of)
+    if isinstance(probe, ResultantProbe) and probe.measure == "PK2":
+        return f"{units.resultant} PK2"
     if isinstance(probe, StressProbe | ResultantProbe):
-        return fields.named(f"{probe.which}_{probe.kind}").unit_label(units)
+        return fields.named(f"{probe.which}_{probe.kind}").unit_label(scene.field_units)
     if isinstance(probe, CableProbe):
         return {"force": units.force, "length": units.length, "slack": ""}[probe.what]
     kind = probe.of if isinstance(probe, BodyProbe | ContactProbe) else probe.kind
@@ -29,6 +36,7 @@ def probe_unit(scene: Scene, name: str) -> str:
         "absolute_pressure": units.stress,
         "level": units.length,
         "area_share": "",
+        "utilisation": "",
         "area": units.area,
         "pressure": units.stress,
     }[kind]

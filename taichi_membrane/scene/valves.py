@@ -24,7 +24,7 @@ def check(scene: Scene) -> None:
     for name, pressure in scene.pressures.items():
         if pressure.relief is not None and (pressure.ambient is None or pressure.kind != "follower"):
             raise ValueError(f"pressures.{name}.relief is for shut chambers: it needs ambient, and kind 'follower'")
-    for stage in scene.stages:
+    for stage in scene.ramps:
         _check_values(scene, stage)
         for name in shut_by(scene, stage):
             _check_shut(scene, stage, name)
@@ -40,21 +40,19 @@ def _check_values(scene: Scene, stage: Stage) -> None:
     for key in ("pressure", "amount"):
         if isinstance(getattr(stage, key), float) and len(scene.pressures) != 1:
             raise ValueError(
-                f"stages.{stage.name}.{key} is one number, but there are {len(scene.pressures)} pressures "
+                f"{stage.key}.{key} is one number, but there are {len(scene.pressures)} pressures "
                 f"({', '.join(scene.pressures)}); name them: {key} = {{ {next(iter(scene.pressures), 'inside')} = ... }}"
             )
     amounts = kind_named("amount").asked(stage, scene.pressures)
-    _check_gases(scene, f"stages.{stage.name}.closed", stage.closed)
-    _check_gases(scene, f"stages.{stage.name}.amount", amounts)
-    _check_gases(scene, f"stages.{stage.name}.ambient", kind_named("ambient").asked(stage, ()))
+    _check_gases(scene, f"{stage.key}.closed", stage.closed)
+    _check_gases(scene, f"{stage.key}.amount", amounts)
+    _check_gases(scene, f"{stage.key}.ambient", kind_named("ambient").asked(stage, ()))
     if isinstance(stage.ambient, float) and not kind_named("ambient").allowed(scene):
-        raise ValueError(f"stages.{stage.name}.ambient: no pressure of this scene has ambient, which it needs")
+        raise ValueError(f"{stage.key}.ambient: no pressure of this scene has ambient, which it needs")
     for name, value in kind_named("pressure").asked(stage, scene.pressures).items():
         relief = scene.pressures[name].relief if name in scene.pressures else None
         if relief is not None and value > relief:
-            raise ValueError(
-                f"stages.{stage.name}.pressure: {value:g}, but pressures.{name}.relief opens at {relief:g}"
-            )
+            raise ValueError(f"{stage.key}.pressure: {value:g}, but pressures.{name}.relief opens at {relief:g}")
 
 
 def _check_gases(scene: Scene, key: str, names: Iterable[str]) -> None:
@@ -70,7 +68,7 @@ def _check_gases(scene: Scene, key: str, names: Iterable[str]) -> None:
 def _check_shut(scene: Scene, stage: Stage, name: str) -> None:
     """Refuse a stage that shuts a valve and sets the pressure behind it, or asks for what is not there with a shut one."""
     amounts = kind_named("amount").asked(stage, scene.pressures)
-    key = f"stages.{stage.name}.{'amount' if name in amounts else 'closed'}"
+    key = f"{stage.key}.{'amount' if name in amounts else 'closed'}"
     if name in stage.closed and name in amounts:
         raise ValueError(f"{key} shuts the valve of {name!r} already; leave it out of closed")
     if name in kind_named("pressure").asked(stage, scene.pressures):
@@ -85,7 +83,7 @@ def _check_joined(scene: Scene, stage: Stage) -> None:
     """Refuse a tube between chambers that are not shut, or whose gases are not alike."""
     shut, taken = shut_by(scene, stage), list[str]()
     for tube in stage.joined:
-        key = f"stages.{stage.name}.joined"
+        key = f"{stage.key}.joined"
         for name in tube:
             if name not in shut:
                 told = ", ".join(shut) or "(none; name them in closed or amount)"

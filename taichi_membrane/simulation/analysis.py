@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from taichi_membrane.names import Outcome
 from taichi_membrane.scene import Stage
@@ -22,6 +22,15 @@ from taichi_membrane.solvers.record import Progress, SolveRecord
 
 ProgressCallback = Callable[[str, int, int, Progress], None]
 Limit = dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class _End:
+    """Where a stage came to its end: the course it took, and its last load step."""
+
+    stage: Stage
+    course: Course
+    step: StepResult
 
 
 class Analysis:
@@ -59,9 +68,25 @@ class Analysis:
     def steps(
         self, progress: ProgressCallback | None = None, *, done: Sequence[StepResult] = ()
     ) -> Iterator[StepResult]:
-        """Yield each load step as it is done; stop after the first that does not reach its load.
+        """Yield each load step as it is done: those of the stages, up to the first that does not reach its load, then those of the
+        cases whose stage came to its end, of each up to the first that does not.
 
         :param done: the first load steps, from an earlier analysis, which are not done again.
+        """
+        ends: dict[str, _End] = {}
+        outcome, number = yield from self._stages(progress, done, ends)
+        for case in self.model.scene.cases:
+            end = ends.get(self.model.scene.start_of(case))
+            if end is not None:
+                number += yield from self._case(number, self.model.scene.ramp(case.name), end, done, progress)
+        self.outcome = outcome
+
+    def _stages(
+        self, progress: ProgressCallback | None, done: Sequence[StepResult], ends: dict[str, _End]
+    ) -> Generator[StepResult, None, tuple[Outcome, int]]:
+        """The steps of the stages; returns how they ended, and the number of steps.
+
+        :param ends: gets the end of each stage that came to it.
         """
         state = self.model.unloaded
         number = 0
@@ -79,16 +104,35 @@ class Analysis:
                     yield result
                 number += 1
                 if not result.converged:
-                    self.outcome = "not converged"
-                    return
+                    return "not converged", number
                 if result.limit is not None and stage.until == "target":
-                    self.outcome = "collapse"
-                    return
+                    return "collapse", number
                 state = LoadState(result.drivers)
             if missed := _missed(stage, result, course):
-                self.outcome = missed
-                return
-        self.outcome = "finished"
+                return missed, number
+            ends[stage.name] = _End(stage, course, result)
+        return "finished", number
+
+    def _case(
+        self, number: int, case: Stage, end: _End, done: Sequence[StepResult], progress: ProgressCallback | None
+    ) -> Generator[StepResult, None, int]:
+        """The steps of a case, from the end of a stage; returns their number."""
+        had = [step for step in done if step.stage == case.name]
+        if had and (had[-1].stage_step == case.steps or not had[-1].converged or had[-1].limit is not None):
+            return len(had)
+        start = LoadState(end.step.drivers)
+        course = Course(start, stage_target(start, case))
+        self._go_on(end.step, end.stage, end.course)
+        if had:
+            self._go_on(had[-1], case, course)
+        else:
+            self.equilibrium.shut(case)
+        count = 0
+        for result in self._load_stage(number, case, course, had, progress):
+            count += 1
+            if count > len(had):
+                yield result
+        return count
 
     def _form_stage(
         self,

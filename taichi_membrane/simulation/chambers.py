@@ -78,7 +78,7 @@ def chambers_of(scene: Scene, mesh: Mesh) -> tuple[Chamber, ...]:
     for chamber in made:
         if branching or (chamber.sign < 0).any():
             _check_orientation(chamber)
-        shutting = [stage for stage in scene.stages if chamber.name in shut_by(scene, stage)]
+        shutting = [stage for stage in scene.ramps if chamber.name in shut_by(scene, stage)]
         if shutting:
             _check_closed(chamber)
             _check_filled(scene, chamber, shutting[0])
@@ -96,7 +96,7 @@ def sides(made: Sequence[Chamber], tri_count: int) -> tuple[Ints, Ints | None]:
 
 def pressure_used(scene: Scene, name: str) -> bool:
     """Whether any stage gives this pressure a value other than zero, or shuts it; others are left out of the model."""
-    return any(_raised(stage, name) or name in shut_by(scene, stage) for stage in scene.stages)
+    return any(_raised(stage, name) or name in shut_by(scene, stage) for stage in scene.ramps)
 
 
 def _raised(stage: Stage, name: str) -> bool:
@@ -191,10 +191,10 @@ def _check_closed(chamber: Chamber) -> None:
 
 def _check_filled(scene: Scene, chamber: Chamber, first: Stage) -> None:
     """Refuse to shut a flat chamber before any pressure has given it a volume."""
-    before = scene.stages[: scene.stages.index(first)]
+    before = scene.before(first)
     volume = chamber.volume(chamber.mesh.points)
     if volume <= FLAT_BODY * chamber.area**1.5 and not any(_raised(stage, chamber.name) for stage in before):
         raise InputError(
-            f"stages.{first.name}: it shuts the valve of {chamber.name!r}, whose chamber is flat (volume {volume:.6g}) and holds "
+            f"{first.key}: it shuts the valve of {chamber.name!r}, whose chamber is flat (volume {volume:.6g}) and holds "
             "no gas yet; give it a pressure in a stage before"
         )

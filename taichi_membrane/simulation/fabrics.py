@@ -35,10 +35,12 @@ def fabrics_of(scene: Scene, mesh: Mesh) -> tuple[tuple[FabricConstants, ...], I
                 e_weft=fabric.weft_modulus,
                 poisson=fabric.nu,
                 shear=fabric.shear_modulus,
-                thickness=1.0 if isinstance(fabric.thickness, ElementField) else fabric.thickness,
+                thickness=1.0 if isinstance(fabric.given_thickness, ElementField) else fabric.given_thickness,
                 law=fabric.law,
                 side_strain=fabric.side_strain,
-                prestress=(0.0, 0.0, 0.0) if isinstance(fabric.prestress, ElementField) else fabric.prestress,
+                prestress=(0.0, 0.0, 0.0)
+                if isinstance(fabric.given_prestress, ElementField)
+                else fabric.given_prestress,
             )
         )
     bare = np.flatnonzero(number_of < 0)
@@ -56,15 +58,15 @@ def thickness_of(scene: Scene, mesh: Mesh, tri_fabric: Ints) -> Floats | None:
     :raises InputError: element data that are missing, or not above zero.
     """
     fabrics = fabric_list(scene)
-    if not any(isinstance(fabric.thickness, ElementField) for _, fabric in fabrics):
+    if not any(isinstance(fabric.given_thickness, ElementField) for _, fabric in fabrics):
         return None
     found = np.empty(mesh.tri_count)
     for number, (group, fabric) in enumerate(fabrics):
         elements, key = np.flatnonzero(tri_fabric == number), f"fabrics.{group}.thickness.field"
-        if not isinstance(fabric.thickness, ElementField):
-            found[elements] = fabric.thickness
+        if not isinstance(fabric.given_thickness, ElementField):
+            found[elements] = fabric.given_thickness
             continue
-        values = element_values(mesh, fabric.thickness.field, elements, key, (1,)) * fabric.thickness.scale
+        values = element_values(mesh, fabric.given_thickness.field, elements, key, (1,)) * fabric.given_thickness.scale
         bad = np.flatnonzero(~(values >= SMALLEST) | (values > LARGEST))
         if bad.size:
             raise InputError(
@@ -81,15 +83,17 @@ def prestress_of(scene: Scene, mesh: Mesh, tri_fabric: Ints) -> Floats | None:
     :raises InputError: element data that are missing.
     """
     fabrics = fabric_list(scene)
-    if not any(isinstance(fabric.prestress, ElementField) for _, fabric in fabrics):
+    if not any(isinstance(fabric.given_prestress, ElementField) for _, fabric in fabrics):
         return None
     found = np.zeros((mesh.tri_count, 3))
     for number, (group, fabric) in enumerate(fabrics):
         elements = np.flatnonzero(tri_fabric == number)
-        if isinstance(fabric.prestress, ElementField):
-            key = f"fabrics.{group}.prestress.field"
-            values = element_values(mesh, fabric.prestress.field, elements, key, (2, 3)) * fabric.prestress.scale
+        if isinstance(fabric.given_prestress, ElementField):
+            key = f"fabrics.{group}.{fabric.prestress_key}.field"
+            values = (
+                element_values(mesh, fabric.given_prestress.field, elements, key, (2, 3)) * fabric.given_prestress.scale
+            )
             found[elements, : values.shape[1]] = values
         else:
-            found[elements] = fabric.prestress
+            found[elements] = fabric.given_prestress
     return found

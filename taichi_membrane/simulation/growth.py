@@ -12,7 +12,7 @@ from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.scene import Scene, Shrinkage
 from taichi_membrane.simulation.groups import fabric_list, group_triangles
-from taichi_membrane.simulation.load_state import stage_targets
+from taichi_membrane.simulation.load_state import ramp_targets
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ def growth_of(scene: Scene, mesh: Mesh, tri_fabric: Ints) -> Growth:
                 unit[members] = [-one.warp, -one.weft] if isinstance(one, Shrinkage) else expansion[members]
             if not unit.any():
                 raise InputError(f"{key}.group: no fabric of these elements has an expansion")
-            if any(getattr(stage, f"{kind}s").get(name) for stage in scene.stages):
+            if any(getattr(stage, f"{kind}s").get(name) for stage in scene.ramps):
                 extension[f"{kind}.{name}"] = unit
     _check_lengths(scene, extension)
     return Growth(extension)
@@ -58,11 +58,11 @@ def growth_of(scene: Scene, mesh: Mesh, tri_fabric: Ints) -> Growth:
 
 def _check_lengths(scene: Scene, extension: Mapping[str, Floats]) -> None:
     """Refuse a stage at whose end an element has lost its whole length."""
-    for stage, target in zip(scene.stages, stage_targets(scene), strict=True):
+    for stage, target in ramp_targets(scene):
         total = sum((target.values[driver] * unit for driver, unit in extension.items()), start=np.zeros((1, 2)))
         if total.min() <= -1.0:
             element, side = np.unravel_index(total.argmin(), total.shape)
             raise InputError(
-                f"stages.{stage.name}: element {element} loses {-100.0 * total.min():.4g} % of its length along the "
+                f"{stage.key}: element {element} loses {-100.0 * total.min():.4g} % of its length along the "
                 f"{('warp', 'weft')[side]}; nothing would be left"
             )

@@ -46,7 +46,7 @@ def layer_length(scene: Scene, radius: float) -> float:
     :raises InputError: several fabrics, a thickness by element data, no pressure.
     """
     fabric = scene.fabric
-    if fabric is None or scene.fabrics or isinstance(fabric.thickness, ElementField):
+    if fabric is None or scene.fabrics or isinstance(fabric.given_thickness, ElementField):
         raise InputError("mesh.grade = 'auto' needs one fabric of one thickness; give lengths of bands instead")
     given = [stage.pressure for stage in scene.stages]
     tables = [one.values() if isinstance(one, dict) else [one or 0.0] for one in given]
@@ -54,7 +54,7 @@ def layer_length(scene: Scene, radius: float) -> float:
     if not any(pressures):
         raise InputError("mesh.grade = 'auto' needs a pressure that some stage gives; give lengths of bands instead")
     axial = 0.5 * max(pressures) * radius
-    return float(radius * np.sqrt(axial / (fabric.weft_modulus * fabric.thickness)))
+    return float(radius * np.sqrt(axial / (fabric.weft_modulus * fabric.given_thickness)))
 
 
 def _disturbed(scene: Scene, mesh: Mesh, name: str) -> bool:

@@ -27,7 +27,7 @@ def load_marks(scene: Scene, mesh: Mesh, name: str) -> tuple[Ints, Floats] | Non
         return np.asarray(mesh.node_groups[load.group]), np.array(load.direction)
     if isinstance(load, BodyLoad):
         return (np.asarray(mesh.node_groups[load.body]), np.array(load.force)) if any(load.force) else None
-    highest = max((stage.loads.get(name, 0.0) for stage in scene.stages), key=abs) or 1.0
+    highest = max((stage.loads.get(name, 0.0) for stage in scene.ramps), key=abs) or 1.0
     force = surface_loads_of(scene, mesh, unused=True).at_rest(name, highest if isinstance(load, WaterLoad) else 1.0)
     size, total = np.linalg.norm(force, axis=1), force.sum(axis=0)
     if np.linalg.norm(total) <= _NO_RESULTANT * size.sum():

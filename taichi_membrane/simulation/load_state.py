@@ -96,3 +96,11 @@ def stage_targets(scene: Scene) -> list[LoadState]:
     for stage in scene.stages:
         targets.append(stage_target(targets[-1], stage))
     return targets[1:]
+
+
+def ramp_targets(scene: Scene) -> list[tuple[Stage, LoadState]]:
+    """The stages and cases, each with the state at its end."""
+    found = list(zip(scene.stages, stage_targets(scene), strict=True))
+    ends = {stage.name: state for stage, state in found}
+    cases = [(scene.ramp(case.name), ends[scene.start_of(case)]) for case in scene.cases]
+    return found + [(stage, stage_target(start, stage)) for stage, start in cases]

@@ -20,6 +20,7 @@ from taichi_membrane.simulation.present import Present
 from taichi_membrane.simulation.results import ModeResult, StepResult
 from taichi_membrane.simulation.solver_choice import chosen_solver
 from taichi_membrane.simulation.state import State
+from taichi_membrane.simulation.utilisation import allowed
 from taichi_membrane.solvers.record import SolveRecord
 
 # Share of the largest force at a node that is none: a triangle's corner beside the point that is touched gets round-off.
@@ -45,6 +46,8 @@ class Measure:
         self.model = equilibrium.model
         self.equilibrium = equilibrium
         self.system = equilibrium.system
+        asked = "utilisation" in self.model.scene.extra_fields
+        self._allowed = allowed(self.model.scene, self.model.structure.tri_fabric) if asked else None
         self._has_energy = all(fabric.law != "clip" for fabric in self.model.structure.fabrics)
 
     def step(
@@ -79,7 +82,7 @@ class Measure:
         else:
             self.equilibrium.contact.begin()  # those of the equilibrium that is kept
         contact, pushes = self._contact(), self._pushes()
-        present = self._present(displacement, contact, pushes)
+        present = self._present(displacement, contact, pushes, stage)
         values = present.fields(self.model.scene.extra_fields)
         balance = force_balance(
             self.model.structure, displacement, self.system.surface_loads(), loads=self.model.nodal_loads(state),
@@ -126,7 +129,9 @@ class Measure:
         )
         return probes.with_own(self.model, step)
 
-    def _present(self, displacement: Floats, contact: dict[str, Floats], pushes: dict[str, Floats]) -> Present:
+    def _present(
+        self, displacement: Floats, contact: dict[str, Floats], pushes: dict[str, Floats], stage: Stage
+    ) -> Present:
         """The system's present state, downloaded."""
         local = -self.system.balance()
         reaction = self.system.spread(np.where(self.model.structure.node_held, local, 0.0))
@@ -141,6 +146,7 @@ class Measure:
             elements=self.system.element_state(),
             cable_force=self.system.cable_forces(),
             free_strain=self.model.structure.free_strain(self.system.growth()),
+            allowed=None if self._allowed is None else self._allowed / stage.effect_factor,
         )
 
     def _energy(self, state: LoadState, displacement: Floats) -> float | None:

@@ -360,7 +360,7 @@ def _check_rims(structure: Structure, surface: SurfaceLoads) -> None:
 
 def _check_memory(scene: Scene, mesh: Mesh) -> None:
     """Refuse now what could only fail after hours: all load steps are kept until the last one is drawn."""
-    extra, steps = scene.extra_fields, sum(stage.steps for stage in scene.stages)
+    extra, steps = scene.extra_fields, sum(stage.steps for stage in scene.ramps)
     node_bytes = _NODE_BYTES + fields.step_bytes("node", extra) * steps + 24 * len(scene.loads)
     tri_bytes = _TRIANGLE_BYTES + fields.step_bytes("element", extra) * steps
     tri_bytes += _GROWTH_BYTES * (len(scene.shrinkages) + len(scene.temperatures))

@@ -29,6 +29,8 @@ class Present:
     :param elements: state at every point where strain is sampled.
     :param cable_force: force of every straight piece of a cable.
     :param free_strain: (m, 2) stress-free strain in warp and weft, where something drives it.
+    :param allowed: (m, 3) resultants along warp, weft and of the major one that use up each element's fabric, where some have a
+        strength: strength over safety factor and factor on effects; undefined of those without.
     """
 
     structure: Structure
@@ -39,6 +41,7 @@ class Present:
     contact_push: Floats = field(default_factory=lambda: np.zeros(0))
     cable_force: Floats = field(default_factory=lambda: np.zeros(0))
     free_strain: Floats | None = None
+    allowed: Floats | None = None
 
     def __getattr__(self, name: str) -> Any:
         """What the elements know of themselves, by name: of six-node ones the mean of their points, by area."""
@@ -112,7 +115,17 @@ class Present:
         """(m, 3) unit vectors of the deformed elements that those of the major stress at rest are carried to."""
         structure, (major, _, angle) = self.structure, self._principal
         geometry = structure.geometry
-        tangent = np.cos(angle)[:, None] * geometry.warp + np.sin(angle)[:, None] * geometry.weft
+        unit = self._carried(np.cos(angle)[:, None] * geometry.warp + np.sin(angle)[:, None] * geometry.weft)
+        if structure.samples == 1:
+            return unit
+        # A direction and its opposite are one: what has a mean is d⊗d, of points that bear something.
+        weight = np.maximum(major, 0.0) + np.finfo(float).tiny
+        mean = structure.mean_of_samples(weight[:, None, None] * unit[:, :, None] * unit[:, None, :])
+        return np.asarray(np.linalg.eigh(mean)[1][:, :, 2])
+
+    def _carried(self, tangent: Floats) -> Floats:
+        """Unit vectors of the deformed elements that directions at rest, in their planes, are carried to; zero where none is."""
+        structure = self.structure
         rest = sample_sides(structure.mesh, structure.points, structure.samples)
         first, second = rest[:, 2], -rest[:, 1]
         normal = np.cross(first, second)
@@ -122,13 +135,7 @@ class Present:
         now = sample_sides(structure.mesh, structure.points + self.displacement, structure.samples)
         moved = along_first[:, None] * now[:, 2] - along_second[:, None] * now[:, 1]
         length = np.linalg.norm(moved, axis=1, keepdims=True)
-        unit = np.asarray(moved / np.where(length > 0.0, length, 1.0))
-        if structure.samples == 1:
-            return unit
-        # A direction and its opposite are one: what has a mean is d⊗d, of points that bear something.
-        weight = np.maximum(major, 0.0) + np.finfo(float).tiny
-        mean = structure.mean_of_samples(weight[:, None, None] * unit[:, :, None] * unit[:, None, :])
-        return np.asarray(np.linalg.eigh(mean)[1][:, :, 2])
+        return np.asarray(moved / np.where(length > 0.0, length, 1.0))
 
     @property
     def major_resultant(self) -> Floats:
@@ -140,9 +147,46 @@ class Present:
         """(m,) the other one."""
         return self.structure.mean_of_samples(self._principal_resultant[1])
 
+    @property
+    def warp_resultant(self) -> Floats:
+        """(m,) Cauchy stress resultant along the deformed warp: force across a cut square to it, per deformed width."""
+        return self.structure.mean_of_samples(self._along(self.structure.geometry.warp)[0])
+
+    @property
+    def weft_resultant(self) -> Floats:
+        """(m,) Cauchy stress resultant along the deformed weft, which shear turns out of square to the warp."""
+        return self.structure.mean_of_samples(self._along(self.structure.geometry.weft)[0])
+
+    @property
+    def shear_resultant(self) -> Floats:
+        """(m,) Cauchy shear stress resultant on a cut square to the deformed warp, positive towards the weft."""
+        return self.structure.mean_of_samples(self._along(self.structure.geometry.warp)[1])
+
+    @property
+    def utilisation(self) -> Floats:
+        """(m,) largest share of a strength that is used, at any point where strain is sampled; undefined without a strength."""
+        assert self.allowed is not None  # the scene names the field only where it has strengths
+        geometry = self.structure.geometry
+        acting = (self._along(geometry.warp)[0], self._along(geometry.weft)[0], self._principal_resultant[0])
+        limits = np.repeat(self.allowed, self.structure.samples, axis=0)
+        share = (np.stack(acting, axis=1) / limits).max(axis=1).clip(0.0)
+        return np.asarray(self._at_points(share).max(axis=1))
+
+    def _along(self, rest: Floats) -> tuple[Floats, Floats]:
+        """Normal and shear Cauchy resultants of a cut square to the deformed direction of a fabric's direction at rest."""
+        (xx, yy, xy), along, across = self._resultant
+        direction = self._carried(rest)
+        c, s = np.einsum("ij,ij->i", direction, along), np.einsum("ij,ij->i", direction, across)
+        return xx * c * c + yy * s * s + 2.0 * xy * c * s, (yy - xx) * c * s + xy * (c * c - s * s)
+
     @cached_property
     def _principal_resultant(self) -> tuple[Floats, Floats]:
-        """Principal Cauchy stress resultants, from the forces along the deformed sides.
+        """Principal Cauchy stress resultants."""
+        return _principal_values(*self._resultant[0])
+
+    @cached_property
+    def _resultant(self) -> tuple[tuple[Floats, Floats, Floats], Floats, Floats]:
+        """Components xx, yy, xy of the Cauchy stress resultants, from the forces along the deformed sides, and their unit vectors.
 
         Side a with its vector s and force density q (its force over its length) bears q s⊗s of virtual work per virtual strain, so
         that N = Σ q s⊗s / A, A the deformed area: for Green's side strain t F S Fᵀ/J, t the thickness at rest.
@@ -158,8 +202,8 @@ class Present:
         scale = np.where(flat, 2.0 / np.where(flat, double_area, 1.0), 0.0)
         if self.structure.samples > 1:
             scale = scale / np.tile(RULES[self.structure.samples].weights, self.structure.mesh.tri_count)
-        parts = (scale * (density * one * other).sum(axis=1) for one, other in ((x, x), (y, y), (x, y)))
-        return _principal_values(*parts)
+        xx, yy, xy = (scale * (density * one * other).sum(axis=1) for one, other in ((x, x), (y, y), (x, y)))
+        return (xx, yy, xy), along, across
 
 
 def side_forces(structure: Structure, displacement: Floats, stress: Floats) -> tuple[Floats, Floats]:

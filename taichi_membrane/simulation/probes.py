@@ -33,8 +33,12 @@ def validate(model: Model) -> None:
     mesh = model.structure.mesh
     for name, probe in model.scene.probes.items():
         key = f"probes.{name}.group"
-        if isinstance(probe, scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe):
-            group_triangles(mesh, probe.group, key)
+        if isinstance(probe, scenes.UtilisationProbe):
+            _refuse_without_strength(model, group_triangles(mesh, probe.group, key), key)
+        elif isinstance(probe, scenes.StressProbe | scenes.ResultantProbe | scenes.AreaProbe):
+            elements = group_triangles(mesh, probe.group, key)
+            if probe.kind == "resultant" and probe.which in ("warp", "weft", "shear"):
+                _refuse_undirected(model, elements, f"probes.{name}.which = {probe.which!r}")
         elif isinstance(probe, scenes.VolumeProbe):
             model.measured(probe)
         elif not isinstance(
@@ -42,6 +46,30 @@ def validate(model: Model) -> None:
             scenes.FactorProbe | scenes.BodyProbe | scenes.CableProbe | scenes.AbsoluteProbe | scenes.LevelProbe,
         ):
             group_nodes(mesh, probe.group, key)
+
+
+def _refuse_without_strength(model: Model, elements: Ints, key: str) -> None:
+    """Refuse to measure the utilisation of a fabric that has no strength.
+
+    :raises InputError: with the fabric.
+    """
+    for number, (group, fabric) in enumerate(model.fabric_names()):
+        if not fabric.has_strength and (model.structure.tri_fabric[elements] == number).any():
+            raise InputError(
+                f"{key}: the fabric of {group} has no strength to compare with; give it strength_warp and strength_weft, or "
+                "a group without it"
+            )
+
+
+def _refuse_undirected(model: Model, elements: Ints, key: str) -> None:
+    """Refuse to measure along the warp of elements that have none: of an isotropic fabric it may be any direction.
+
+    :raises InputError: with the fabric.
+    """
+    structure = model.structure
+    for number, (group, fabric) in enumerate(model.fabric_names()):
+        if structure.mesh.tri_warp is None and fabric.warp is None and (structure.tri_fabric[elements] == number).any():
+            raise InputError(f"{key}: neither this mesh nor the fabric of {group} has a warp; give it warp = [x, y, z]")
 
 
 def validate_own(model: Model) -> None:
@@ -134,6 +162,8 @@ def evaluate(
             values[name] = _mean_radius((mesh.points + displacement)[nodes], probe.axis)
         elif isinstance(probe, scenes.CableProbe):
             values[name] = _of_cable(probe, model, fields)
+        elif isinstance(probe, scenes.UtilisationProbe):
+            values[name] = float(fields["utilisation"][group_triangles(mesh, probe.group, key)].max())
         else:
             values[name] = _over_elements(probe, fields, model.structure, group_triangles(mesh, probe.group, key))
     return values
@@ -191,10 +221,19 @@ def _over_elements(
     if isinstance(probe, scenes.AreaProbe):
         in_state = fields["state"][group] == STATE_NAMES.index(probe.state)
         return float(weights[in_state].sum() / weights.sum())
-    stress = fields[f"{probe.which}_{probe.kind}"][group]
+    stress = _stress(probe, fields, structure)[group]
     if probe.reduce == "mean":
         return float(np.average(stress, weights=weights))
     return float(stress.max() if probe.reduce == "max" else stress.min())
+
+
+def _stress(probe: scenes.StressProbe | scenes.ResultantProbe, fields: FieldValues, structure: Structure) -> Floats:
+    """(m,) the stress or stress resultant that a probe looks at."""
+    if isinstance(probe, scenes.StressProbe) or probe.measure == "Cauchy":
+        return fields[f"{probe.which}_{probe.kind}"]
+    axes = ("warp", "weft", "shear")
+    of_area = fields["stress"][:, axes.index(probe.which)] if probe.which in axes else fields[f"{probe.which}_stress"]
+    return of_area * structure.thickness
 
 
 def _of_cable(probe: scenes.CableProbe, model: Model, fields: FieldValues) -> float:
@@ -235,7 +274,7 @@ def run_checks(scene: Scene, steps: Sequence[StepResult]) -> tuple[CheckResult, 
 
 
 def _check(scene: Scene, check: Check, steps: Sequence[StepResult]) -> CheckResult:
-    stage = next(stage for stage in scene.stages if stage.name == check.stage)
+    stage = scene.ramp(check.stage)
     done = [s.stage_step for s in steps if s.stage == check.stage]
     count = max(done, default=0) if stage.may_end_early else stage.steps
     wanted = check.step if check.step > 0 else count + 1 + check.step
@@ -243,9 +282,7 @@ def _check(scene: Scene, check: Check, steps: Sequence[StepResult]) -> CheckResu
     relative = check.tolerance is not None
     tolerance = float(check.tolerance if check.tolerance is not None else check.absolute or 0.0)
     value = found[0].probes[check.probe] if found else None
-    error = None
-    if value is not None:
-        error = (value - check.reference) / (abs(check.reference) if relative else 1.0)
+    error = None if value is None else _error(check, value)
     return CheckResult(
         probe=check.probe,
         stage=check.stage,
@@ -256,5 +293,16 @@ def _check(scene: Scene, check: Check, steps: Sequence[StepResult]) -> CheckResu
         tolerance=tolerance,
         relative=relative,
         source=check.source,
-        passed=error is not None and abs(error) <= tolerance,
+        passed=error is not None and (error if check.reference is None else abs(error)) <= tolerance,
+        at_most=check.at_most,
+        at_least=check.at_least,
     )
+
+
+def _error(check: Check, value: float) -> float:
+    """Of a value against the reference, or by how much it passes the worse of the bounds."""
+    if check.reference is not None:
+        return (value - check.reference) / (abs(check.reference) if check.tolerance is not None else 1.0)
+    above = -np.inf if check.at_most is None else value - check.at_most
+    below = -np.inf if check.at_least is None else check.at_least - value
+    return float(max(above, below))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from taichi_membrane import fields
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, EstimatedSteps, Outcome, Precision
-from taichi_membrane.scene import Scene
+from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, EstimatedSteps, Outcome, Precision, Verdict
+from taichi_membrane.scene import Case, Scene
 from taichi_membrane.simulation.load_state import of_kind
 from taichi_membrane.simulation.policy import Trace
 from taichi_membrane.simulation.state import State
@@ -176,18 +176,51 @@ ProbeFunction = Callable[[Mesh, StepResult], float]
 
 @dataclass(frozen=True, kw_only=True)
 class CheckResult:
-    """A check of the scene: probe value against reference; ``error`` relative or absolute as the tolerance is."""
+    """A check of the scene: a probe's value against a reference, or within bounds.
+
+    :param reference: None where bounds are given: ``at_most``, ``at_least`` or both.
+    :param error: relative or absolute as the tolerance is; of bounds by how much the worse one is passed, below zero within.
+    """
 
     probe: str
     stage: str
     step: int
     value: float | None
-    reference: float
+    reference: float | None
     error: float | None
     tolerance: float
     relative: bool
     source: str
     passed: bool
+    at_most: float | None = None
+    at_least: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseResult:
+    """A load case.
+
+    :param after: stage at whose end it starts.
+    :param reason: why its loads are not reached; empty where they are.
+    :param steps: its load steps, as far as it came.
+    """
+
+    name: str
+    title: str
+    after: str
+    verdict: Verdict
+    reason: str
+    steps: tuple[StepResult, ...]
+
+    @property
+    def reached(self) -> bool:
+        """Whether its loads are reached, and its state is not known to be unstable: only then it has numbers."""
+        return self.verdict == "reached"
+
+    @property
+    def end(self) -> StepResult | None:
+        """The state under all of its loads; None where that is not reached."""
+        return self.steps[-1] if self.reached else None
 
 
 # Sizes of elements over the length of a layer above which a mesh does not see it.
@@ -324,8 +357,31 @@ class RunResult:
 
     @property
     def converged(self) -> bool:
-        """True when every stage of the scene was run to its end and every load step converged."""
-        return self.outcome == "finished"
+        """True when every stage and case of the scene was run to its end and every load step converged."""
+        return self.outcome == "finished" and all(case.reached for case in self.cases.values())
+
+    @property
+    def stage_steps(self) -> tuple[StepResult, ...]:
+        """The load steps of the stages, without those of cases, which come after them."""
+        named = {case.name for case in self.scene.cases}
+        return tuple(step for step in self.steps if step.stage not in named)
+
+    @property
+    def cases(self) -> dict[str, CaseResult]:
+        """The load cases by their names, in the scene's order."""
+        return {case.name: self._case(case) for case in self.scene.cases}
+
+    def _case(self, case: Case) -> CaseResult:
+        after = self.scene.start_of(case)
+        steps = tuple(step for step in self.steps if step.stage == case.name)
+        verdict, reason = _verdict(case, steps, self.outcome, after)
+        return CaseResult(name=case.name, title=case.title, after=after, verdict=verdict, reason=reason, steps=steps)
+
+    def start(self, name: str) -> StepResult | None:
+        """The load step that a stage or case starts from; None where that is the unstressed shape, or was not reached."""
+        before = self.scene.before(self.scene.ramp(name))
+        found = [step for step in self.steps if before and step.stage == before[-1].name and step.converged]
+        return found[-1] if found else None
 
     @property
     def passed(self) -> bool:
@@ -335,3 +391,21 @@ class RunResult:
     def probe(self, name: str) -> Floats:
         """A probe's value at every load step."""
         return np.array([step.probes[name] for step in self.steps])
+
+
+def _verdict(case: Case, steps: Sequence[StepResult], outcome: Outcome, after: str) -> tuple[Verdict, str]:
+    """What became of a case, and why where its loads are not reached."""
+    if not steps and outcome == "interrupted":
+        return "interrupted", "the run was stopped before it"
+    if not steps:
+        return "not started", f"stage {after}, from whose end it starts, did not come to it"
+    last = steps[-1]
+    if not last.converged:
+        return "not converged", last.reason
+    if last.limit is not None:
+        return "collapse", last.reason.removeprefix("collapse: ")
+    if last.stage_step < case.steps:
+        return "interrupted", f"the run was stopped after {last.stage_step} of {case.steps} load steps"
+    if last.stable is False:
+        return "unstable", f"its state is unstable ({last.negative_pivots} negative eigenvalues of the tangent)"
+    return "reached", ""

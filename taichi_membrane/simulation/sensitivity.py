@@ -79,6 +79,8 @@ def _force_derivatives(model: Model, newton: Newton, filling: Filling) -> Iterat
     yield from filling.by_drivers(parts)
     yield from ((driver, at_free(force)) for driver, force in _of_growth(model, system))
     for number, (name, fabric) in enumerate(model.fabric_names()):
+        if fabric.thickness is None:
+            continue  # given per width
         system.scale_thickness(number, 2.0)
         label = "thickness" if len(model.fabric_names()) == 1 else f"thickness.{name}"
         given = fabric.thickness

@@ -11,7 +11,7 @@ from taichi_membrane.device import runtime
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.rim import Rim
 from taichi_membrane.scene.drivers import shut_by
-from taichi_membrane.simulation.load_state import stage_targets
+from taichi_membrane.simulation.load_state import ramp_targets
 from taichi_membrane.simulation.model import Model
 
 _GIB = 2.0**30
@@ -41,12 +41,12 @@ def chosen_solver(model: Model) -> SolverChoice:
     if hindrance:
         if scene.modes is not None or scene.derivatives:
             raise InputError(f"modes and derivatives need Newton's tangent: {hindrance}")
-        for stage in scene.stages:
+        for stage in scene.ramps:
             if shut_by(scene, stage):
                 key = "closed" if stage.closed else "amount"
-                raise InputError(f"stages.{stage.name}.{key} needs Newton: {hindrance}")
+                raise InputError(f"{stage.key}.{key} needs Newton: {hindrance}")
             if stage.control == "arc_length":
-                raise InputError(f"stages.{stage.name}.control = 'arc_length' needs Newton: {hindrance}; use 'load'")
+                raise InputError(f"{stage.key}.control = 'arc_length' needs Newton: {hindrance}; use 'load'")
         for name in model.surface.volumes:
             raise InputError(f"loads.{name}.given = 'volume' needs Newton: {hindrance}")
     if scene.modes is not None and model.surface.volumes:
@@ -62,10 +62,10 @@ def chosen_solver(model: Model) -> SolverChoice:
 def without_potential(model: Model) -> str:
     """Where loads on the surface have no potential at the end of a stage; nothing where they always have one."""
     rim = Rim.of(model.structure)
-    for stage, state in zip(model.scene.stages, stage_targets(model.scene), strict=True):
+    for stage, state in ramp_targets(model.scene):
         found = rim.at(model.surface_values(state), np.zeros_like(model.structure.points))
         if found is not None:
-            return f"stage {stage.name}, {'; '.join(part.told for part in found.parts)}"
+            return f"{stage.key.replace('s.', ' ')}, {'; '.join(part.told for part in found.parts)}"
     return ""
 
 

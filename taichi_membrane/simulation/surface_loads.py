@@ -91,7 +91,7 @@ def surface_loads_of(scene: Scene, mesh: Mesh, *, unused: bool = False) -> Surfa
     winds, snows, waters, down = {}, {}, {}, np.array([0.0, 0.0, -1.0])
     volumes: dict[str, float] = {}
     for name, load in scene.loads.items():
-        used = unused or any(stage.loads.get(name) for stage in scene.stages)
+        used = unused or any(stage.loads.get(name) for stage in scene.ramps)
         if isinstance(load, WindLoad):
             coefficient = _coefficients(mesh, name, load)
             if used:

@@ -37,7 +37,7 @@ def _named(scene: Scene) -> list[str]:
     """Names of all arrays that a scene takes values from."""
     found: list[str] = []
     for _, fabric in fabric_list(scene):
-        for one in (fabric.thickness, fabric.prestress, fabric.warp):
+        for one in (fabric.thickness, fabric.given_prestress, fabric.warp):
             if isinstance(one, ElementField | WarpSource) and one.field is not None:
                 found.append(one.field)
     found += [

@@ -32,6 +32,7 @@ def warp_directions(scene: Scene, mesh: Mesh, tri_fabric: Ints, fabrics: tuple[F
         elements = np.flatnonzero(tri_fabric == number)
         key = f"fabrics.{group}.warp"
         directed = not fabrics[number].isotropic or fabric.prestressed or _grows_apart(scene, fabric)
+        directed = directed or fabric.strength_warp is not None
         if fabric.warp is not None:
             direction[elements] = _asked(fabric.warp, mesh, elements, key)
         elif mesh.tri_warp is not None:
