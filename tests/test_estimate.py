@@ -16,6 +16,7 @@ import taichi_membrane as tm
 from taichi_membrane.assurance.verification.shooting import inflated_disc
 from taichi_membrane.commands.cli import app
 from taichi_membrane.errors import InputError
+from taichi_membrane.execution.observer import Silent
 from taichi_membrane.execution.run import read_result
 from taichi_membrane.output.tables import estimate_columns, estimate_notes
 from taichi_membrane.page.tables import all_tables
@@ -198,6 +199,21 @@ def test_it_is_written_printed_and_read_back(tmp_path: Path) -> None:
     cells = {one.header: one.cells for one in estimate_columns(scene, result.estimate)}
     assert cells["at"] == ["inflate 1", "inflate 1", "inflate 2", "inflate 2"]
     assert cells["order taken"] == ["2", "2", "2", "2"]
+
+
+def test_a_run_that_was_stopped_goes_on_to_its_estimates(tmp_path: Path) -> None:
+    class Stop(Silent):
+        def step_done(self, step: tm.StepResult) -> None:
+            raise KeyboardInterrupt
+
+    scene = sphere(0.1, 3)
+    with pytest.raises(KeyboardInterrupt):
+        tm.run(scene, out=tmp_path, render=False, estimate=True, observer=Stop())
+    assert read_result(tmp_path).estimate is None
+    result = tm.resume(tmp_path)
+    assert result.estimate == tm.run(scene, estimate=True).estimate
+    assert result.estimate is not None
+    assert result.estimate.left_out == ()  # the shape's surface is known again
 
 
 def test_what_cannot_be_estimated_is_refused_before_anything_is_solved(tmp_path: Path) -> None:

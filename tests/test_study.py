@@ -297,6 +297,10 @@ def test_elements_are_sequences_of_their_own_beside_given_references() -> None:
         ("radius", 110.0, "given"), ("volume", 5.5e6, "given"),
     }  # fmt: skip
     assert [row.error for row in study.rows if row.probe == "radius"] == pytest.approx([1.0 / 110.0] * 8)
+    # All are as exact, on one front: the first takes the least time, and with a limit of its own each sequence has such a run.
+    assert [row.pareto for row in study.rows if row.probe == "radius"] == [True] + [False] * 7
+    _, _, apart = study_of("finest", "mesh.order=1,2", "mesh.divisions=2,3,4")
+    assert sum(row.pareto for row in apart.rows) == 4
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,8 @@ class Row:
     :param error: against the reference.
     :param iteration_error: against the most exact run on the same mesh.
     :param discretisation_error: of that most exact run against the reference.
-    :param pareto: no other run of the sequence is at least as exact in less time.
+    :param pareto: no other run is at least as exact in less time: of the sequence, or against a reference that is given or the
+        scene's, of the problem on whatever meshes and elements.
     """
 
     run: Run
@@ -98,6 +99,10 @@ def analyse(plan: Plan, runs: Sequence[Run]) -> Study:
             convergence = _convergence(plan, probe, sequence, [run for run in members if probe in run.probes])
             convergences.append(convergence)
             rows += _rows(convergence, members)
+        # Against one truth all kinds of meshes and elements compete; against their own limits each does alone.
+        absolute = plan.reference == "check" or isinstance(plan.reference, Mapping)
+        own = [number for number, row in enumerate(rows) if row.probe == probe]
+        _mark_front(rows, own, absolute=absolute)
     return Study(plan=plan, runs=tuple(runs), rows=tuple(rows), convergences=tuple(convergences))
 
 
@@ -233,11 +238,27 @@ def _rows(convergence: Convergence, runs: Sequence[Run]) -> list[Row]:
                 pareto=False,
             )
         )
-    known = {number: (row.run.cost, row.error) for number, row in enumerate(rows) if row.error is not None}
-    front = pareto_front([cost for cost, _ in known.values()], [error for _, error in known.values()])
-    for number, best in zip(known, front, strict=True):
-        rows[number] = replace(rows[number], pareto=best)
     return rows
+
+
+def _mark_front(rows: list[Row], numbers: Sequence[int], *, absolute: bool) -> None:
+    """Mark the rows of a probe that no other of the same competition beats.
+
+    :param absolute: whether all sequences of one problem are one competition.
+    """
+
+    def competition(row: Row) -> str:
+        return row.run.case.problem if absolute else row.run.case.sequence
+
+    for name in dict.fromkeys(competition(rows[number]) for number in numbers):
+        known = {
+            number: (rows[number].run.cost, error)
+            for number in numbers
+            if competition(rows[number]) == name and (error := rows[number].error) is not None
+        }
+        front = pareto_front([cost for cost, _ in known.values()], [error for _, error in known.values()])
+        for number, best in zip(known, front, strict=True):
+            rows[number] = replace(rows[number], pareto=best)
 
 
 def _inexactness(run: Run) -> tuple[bool, float, float]:

@@ -85,6 +85,12 @@ class Case:
         return _label({key: value for key, value in self._untied.items() if _opens_sequence(key, value)})
 
     @property
+    def problem(self) -> str:
+        """The varied settings that change the problem, whatever the mesh."""
+        opens = {key: value for key, value in self._untied.items() if _opens_sequence(key, value)}
+        return _label({key: value for key, value in opens.items() if not key.startswith("mesh.")})
+
+    @property
     def method(self) -> str:
         """The varied settings of how the problem is solved: all but mesh and problem."""
         return _label({k: v for k, v in self._untied.items() if not (k.startswith("mesh.") or _opens_sequence(k, v))})

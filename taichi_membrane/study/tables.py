@@ -134,7 +134,8 @@ def _markdown(study: Study) -> str:
         parts.append("Set for all: " + ", ".join(f"`{key}={value}`" for key, value in case.fixed.items()) + ".")
     parts += [
         "Errors are relative: *error* against the reference, *iteration* against the most exact run on the same mesh, "
-        "*discretisation* of that run against the reference. A star marks the Pareto front of error and set-up + solve time. "
+        "*discretisation* of that run against the reference. A star marks the Pareto front of error and set-up + solve time, "
+        "against one given reference of all kinds of meshes and elements. "
         "*Compile* has the start of Taichi in it; Taichi's cache on disk is off, so that every run compiles everything.",
     ]
     jobs = max(run.jobs for run in study.runs)
