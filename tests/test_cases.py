@@ -301,10 +301,10 @@ def test_terminal_and_page_tell_them(run: RunResult) -> None:
     printing.print_run(Console(file=said, width=200), run)
     text = said.getvalue()
     assert re.search(r"used +\S+ +\S+ +\S+ +storm", text)
-    assert re.search(r"storm +peg +-?\d", text)
+    assert re.search(r"peg +\S+ +-?\d\S* +-?\d\S* +-?\d\S* +\w+", text)
     shown = page(run)
     assert "4 of 4 load cases are reached" in shown
-    for caption in ("Load cases", "Worst cases", "Support forces of load cases"):
+    for caption in ("Load cases", "Worst cases", "Largest support forces", "Support forces of load cases"):
         assert f"<caption>{caption}</caption>" in shown
 
 
