@@ -85,6 +85,7 @@ def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOptio
     from taichi_membrane.commands.model_printing import print_model
     from taichi_membrane.execution.run import summarise
     from taichi_membrane.scene import file as scene_file
+    from taichi_membrane.scene import presets
     from taichi_membrane.scene.texts import conversions
 
     path = scene_file.resolve_scene(scene)
@@ -93,7 +94,7 @@ def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOptio
     with naming(path):
         model, compiled_in, left_out = summarise(loaded, path.parent, repair=repair)
     texts = conversions(loaded, data, loaded.units)
-    print_model(console(), model, compiled_in, left_out, texts)
+    print_model(console(), model, compiled_in, left_out, texts, list(presets.told(data)))
 
 
 def verify(
