@@ -1,8 +1,9 @@
 """The command ``taichi-membrane``: run, check and draw scenes; verify the mechanics.
 
 Results go to standard output, progress and errors to standard error. Exit codes: 0 all well, 1 a check of the scene fails, 2 bad
-input or a file that cannot be written, 3 a load step did not converge or a path did not come to its loads, 4 the structure
-collapses before its last load, 5 a stage that should meet collapse met none, 130 interrupted.
+input or a file that cannot be written, 3 a load step did not converge, a path did not come to its loads or a load case has no
+stable end, 4 the structure collapses before its last load or in a load case, 5 a stage that should meet collapse met none, 130
+interrupted.
 """
 
 from __future__ import annotations
