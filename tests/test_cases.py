@@ -14,6 +14,7 @@ from typing import Any
 import meshio
 import numpy as np
 import pytest
+from PIL import Image
 from pydantic import ValidationError
 from resume_cases import run_until
 from rich.console import Console
@@ -26,6 +27,7 @@ from taichi_membrane.commands import printing
 from taichi_membrane.commands.cli import app
 from taichi_membrane.execution.run import read_result
 from taichi_membrane.page.document import page
+from taichi_membrane.pictures.gallery import draw_envelope
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.cases import envelope, numbers, ranges
 from taichi_membrane.simulation.results import RunResult
@@ -208,6 +210,19 @@ def test_a_case_is_what_its_stage_and_it_alone_would_give(run: RunResult, name: 
         assert all(two.drivers[driver] == value for driver, value in one.drivers.items())
 
 
+def test_a_case_starts_from_a_shut_valve_as_a_stage_does() -> None:
+    """The gas of the chamber is part of what it starts from."""
+    kept = {"name": "kept", "closed": ["inside"], "loads": {"tip": 1.0}, "steps": 2}
+    more = {"name": "more", "closed": ["inside"], "loads": {"tip": 2.0}}
+    stages = [*PARTS["stages"], kept]
+    first = {"name": "first", "loads": {"tip": 3.0}}
+    branched = tm.run(beam(stages=stages, cases=[first, more], checks=[])).cases["more"].steps[0]
+    straight = tm.run(Scene.model_validate(PARTS | {"stages": [*stages, more], "checks": []})).steps[-1]
+    assert branched.pressures["inside"] > PRESSURE
+    assert same(dict(branched.fields), dict(straight.fields))
+    assert branched.probes == straight.probes
+
+
 def test_a_combination_has_the_sums_of_its_cases_times_their_factors(run: RunResult) -> None:
     both = run.cases["both"].end
     assert both is not None
@@ -294,6 +309,16 @@ def test_files_hold_cases_their_numbers_and_the_envelope(run: RunResult) -> None
     assert {name: case.verdict for name, case in again.cases.items()} == {n: c.verdict for n, c in run.cases.items()}
     assert numbers(again, again.cases["both"]) == numbers(run, run.cases["both"])
     assert again.checks == run.checks
+
+
+def test_the_envelope_is_drawn_on_the_shape_that_cases_start_from(run: RunResult, tmp_path: Path) -> None:
+    assert draw_envelope(run, run.scene.camera, tmp_path / "envelope.png")
+    drawn = np.asarray(Image.open(tmp_path / "envelope.png").convert("RGB")).astype(int)
+    assert drawn.shape == (240, 320, 3)
+    assert (np.ptp(drawn, axis=2) > 60).mean() > 0.02  # coloured, not grey
+    nobody = replace(run, steps=run.stage_steps)
+    assert not draw_envelope(nobody, run.scene.camera, tmp_path / "none.png")
+    assert not (tmp_path / "none.png").exists()
 
 
 def test_terminal_and_page_tell_them(run: RunResult) -> None:
