@@ -18,10 +18,10 @@ ROOT = Path(__file__).resolve().parent.parent
 SAFETY = {"factor": 5.0, "source": "the user's choice"}
 # What presets without sources for it leave to the user.
 REST: dict[str, dict[str, Any]] = {
-    **dict.fromkeys(
-        ("ptfe-glass-a", "ptfe-glass-b", "ptfe-glass-c"),
-        {"stiffness_warp": 1000.0, "stiffness_weft": 800.0, "G_t": 50.0, "nu": 0.5},
-    ),
+    **{
+        f"ptfe-glass-{one}": {"stiffness_warp": 1000.0, "stiffness_weft": 800.0, "G_t": 50.0, "nu": 0.5}
+        for one in "abc"
+    },
     "etfe-foil": {"thickness": "0.2 mm", "strength": 10.0, "safety": SAFETY},
 }
 
