@@ -16,6 +16,8 @@ STATE_NAMES = ("taut", "wrinkled", "slack")
 # along the path took all its steps and did not come to its loads; stopped without equilibrium; stopped from outside.
 Outcome = Literal["finished", "collapse", "no collapse", "steps used up", "not converged", "interrupted"]
 
+# Which load steps of a run are solved again on a finer mesh.
+EstimatedSteps = Literal["", "last", "all"]
 # What became of a load case: its loads are reached in a state that is stable, as far as that is told; the structure collapses
 # before; no equilibrium was found; the state is unstable; its stage did not come to its end; the run was stopped before.
 Verdict = Literal["reached", "collapse", "not converged", "unstable", "not started", "interrupted"]

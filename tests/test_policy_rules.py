@@ -90,6 +90,38 @@ def test_a_snap_within_a_curved_step_is_not_foreseen(rise: float) -> None:
     assert limit["load.small"][1] >= 0.53 - 1e-4
 
 
+def test_parts_that_cancel_are_looked_at_halfway() -> None:
+    """A small tent snaps through and stiffens as a big one softens: ends and secant agree to 0.013, and 0.4 of ΔP is a jump."""
+    both = Parts().tent("big", 1.0, 1.0).tent("small", 0.05, 0.238, at=(30.0, 0.0, 0.0))
+    result = both.run(loads(big=0.95, small=1.0))
+    assert result.outcome == "collapse"
+    limit = result.steps[-1].limit
+    assert limit is not None
+    assert limit["load.small"][0] <= 0.05 <= limit["load.small"][1]
+
+
+def test_ends_of_unequal_stiffness_are_looked_at_halfway() -> None:
+    """A small tent snaps through beside a big one that softens to a third: a jump of 0.078 of ΔP behind e's twentieth."""
+    both = Parts().tent("big", 1.0, 1.0).tent("small", 0.25, 0.292, at=(30.0, 0.0, 0.0))
+    result = both.run(loads(big=borne(2.0), small=0.0) | {"steps": 8}, loads(big=0.9, small=1.0) | {"steps": 2})
+    assert result.outcome == "collapse"
+    limit = result.steps[-1].limit
+    assert limit is not None
+    assert limit["load.small"][0] <= 0.25 + 1e-4
+    assert limit["load.small"][1] >= 0.25 - 1e-4
+
+
+def test_no_branch_is_a_state_far_beyond_a_limit() -> None:
+    """Where the load of all falls as the small tent snaps it is no branch: what lies just above is far away for its stiffness."""
+    both = Parts().tent("big", 1.0, 1.0).tent("small", 0.53, 1.88, at=(30.0, 0.0, 0.0))
+    result = both.run(loads(big=borne(2.0), small=0.0) | {"steps": 8}, loads(big=0.9, small=1.0))
+    assert result.outcome == "collapse"
+    limit = result.steps[-1].limit
+    assert limit is not None
+    assert limit["load.small"][0] <= 0.53 + 1e-4
+    assert limit["load.small"][1] >= 0.53 - 1e-4
+
+
 def test_a_cubic_that_snaps_through_is_not_foreseen() -> None:
     """Halfway on it lies an equilibrium, an unstable one: the limit is found all the same."""
     result = tent().run(loads(tent=borne(3.0)) | {"steps": 8}, loads(tent=1.2))

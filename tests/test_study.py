@@ -128,6 +128,9 @@ def test_fingerprint_follows_what_changes_numbers(tmp_path: Path) -> None:
         (["--vary", "precision=f64", "--at", "huge:1"], "'huge' is not a stage"),
         (["--vary", "precision=f64", "--reference", "110"], "needs one --probe, not 3"),
         (["--vary", "precision=f64", "--reference", "nan", "--probe", "radius"], "must be a finite number"),
+        (["--vary", "precision=f64", "--reference", "radius=110"], "no value for volume, stress"),
+        (["--vary", "precision=f64", "--reference", "radios=110"], "'radios' is not measured"),
+        (["--vary", "precision=f64", "--reference", "radius=inf", "--probe", "radius"], "'inf' is no finite number"),
         (["--vary", "precision=f64", "--reference", "exact"], "neither a number nor a known word"),
         (["--vary", "precision=f64", "--reference", "check", "--at", "large:1"], "no check of any probe"),
         (["--vary", "precision=f64", "--reference", "check", "--probe", "volume"], "no check of probe 'volume'"),
@@ -281,6 +284,51 @@ def test_each_sequence_has_its_own_reference() -> None:
     _, _, checked = study_of("check", "mesh.divisions=2,3")
     assert (checked.convergences[0].reference, checked.convergences[0].origin) == (110.0, "check of the scene")
     assert len(plan.cases) == 4
+
+
+def test_elements_are_sequences_of_their_own_beside_given_references() -> None:
+    axes = ["mesh.order+mesh.divisions=1:4,1:8,2:2,2:4", "mesh.points=3,6"]
+    plan = build_plan(SPHERE, axes, probes=["radius", "volume"], reference="radius=110, volume=5.5e6")
+    assert [case.sequence for case in plan.cases[:2]] == ["mesh.order=1 mesh.points=3", "mesh.order=1 mesh.points=6"]
+    assert plan.reference == {"radius": 110.0, "volume": 5.5e6}
+    runs = [replace(run, probes={"radius": 109.0, "volume": 5.4e6}) for run in made_up(plan, lambda _: 0.0)]
+    study = analyse(plan, runs)
+    assert {(item.probe, item.reference, item.origin) for item in study.convergences} == {
+        ("radius", 110.0, "given"), ("volume", 5.5e6, "given"),
+    }  # fmt: skip
+    assert [row.error for row in study.rows if row.probe == "radius"] == pytest.approx([1.0 / 110.0] * 8)
+    # All are as exact, on one front: the first takes the least time, and with a limit of its own each sequence has such a run.
+    assert [row.pareto for row in study.rows if row.probe == "radius"] == [True] + [False] * 7
+    _, _, apart = study_of("finest", "mesh.order=1,2", "mesh.divisions=2,3,4")
+    assert sum(row.pareto for row in apart.rows) == 4
+
+
+@pytest.mark.parametrize(
+    ("order", "degree", "told"),
+    [
+        (0.98, 1, "order 0.98; a limit is told of orders from 1.5 to 2.5"),
+        (2.0, 1, ""),
+        (2.0, 2, "from 2.5 to 4.5 with six-node"),
+        (3.9, 2, ""),
+    ],
+)
+@pytest.mark.parametrize("reference", ["finest", "extrapolated"])
+def test_no_limit_is_told_of_an_order_that_is_not_the_elements(
+    order: float, degree: int, told: str, reference: str
+) -> None:
+    axes = ["mesh.divisions=2,4,8"]
+    plan = build_plan(SPHERE, axes, fixed=[f"mesh.order={degree}"], probes=["radius"], reference=reference)
+    study = analyse(plan, made_up(plan, lambda run: 100.0 + 30.0 * run.case.size**order))
+    (found,) = study.convergences
+    assert (found.extrapolation is None) == bool(told)
+    assert told in found.no_extrapolation
+    if reference == "finest":
+        assert found.observed_order == pytest.approx(order)
+    elif told:
+        assert (found.reference, found.meshes[0].error) == (None, None)
+        assert found.origin == f"no limit: {found.no_extrapolation}"
+    else:
+        assert found.reference == pytest.approx(100.0)
 
 
 def test_extrapolated_reference_is_the_limit() -> None:

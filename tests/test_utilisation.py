@@ -113,7 +113,7 @@ def test_utilisation_is_what_the_hand_computes(run: RunResult) -> None:
 
 
 def test_the_place_of_the_largest_is_told(run: RunResult) -> None:
-    n_y = by_hand()[1]
+    _, n_y = by_hand()
     used = utilisation.largest(run.scene, run.mesh, run.steps[0])
     assert used is not None
     assert (used.direction, used.strength, used.safety, used.factor) == ("weft", 60.0, 5.0, 1.5)

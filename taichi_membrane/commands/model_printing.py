@@ -8,9 +8,7 @@ from rich.console import Console
 
 from taichi_membrane.commands.printing import print_wrapped
 from taichi_membrane.mesh import survey
-from taichi_membrane.output.tables import (
-    with_unit,
-)
+from taichi_membrane.output.tables import layer_lines, with_unit
 from taichi_membrane.scene import Cable, Fabric, Scene, Spring, Stage, Units
 from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, friction_words, stage_values
 from taichi_membrane.scene.element_field import ElementField, given_text
@@ -18,6 +16,7 @@ from taichi_membrane.scene.texts import Conversion
 from taichi_membrane.simulation.chambers import surfaces
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.solver_choice import without_potential
+from taichi_membrane.simulation.told_layers import told_layers
 from taichi_membrane.simulation.warp import least_angle
 
 
@@ -83,6 +82,7 @@ def print_model(
             if item.direction is None
         ),
         *([] if scene.contact is None else [("contact", f"of walls with each other: {_grouped(scene.contact.group)}")]),
+        *(("layers", line) for line in layer_lines(told_layers(model), units.length)),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         *(("case", f"{_stage_line(scene, scene.ramp(one.name))}, after {scene.start_of(one)}") for one in scene.cases),
         ("probes", ", ".join(scene.probes) or "none"),

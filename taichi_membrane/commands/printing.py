@@ -12,11 +12,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from taichi_membrane.commands.run_lines import balance_lines, relief_lines, wall_lines
 from taichi_membrane.output.case_tables import case_columns, failed_lines, range_columns, worst_reaction_columns
 from taichi_membrane.output.tables import (
     Column,
     check_columns,
     error_text,
+    estimate_columns,
+    estimate_notes,
+    layer_lines,
     reference_text,
     stability_notes,
     step_columns,
@@ -47,6 +51,8 @@ def print_run(console: Console, result: RunResult) -> None:
         )
     for line in wall_lines(result):
         print_wrapped(console, "contact", line)
+    for line in layer_lines(result.layers, result.scene.units.length):
+        print_wrapped(console, "layer", line)
     if result.cases:
         _print_cases(console, result)
     _print_at_rest(console, result)
@@ -58,6 +64,7 @@ def print_run(console: Console, result: RunResult) -> None:
         held = sum(check.passed for check in result.checks)
         _print_plain(console, f"{held} of {len(result.checks)} checks hold")
     console.print()
+    _print_estimate(console, result)
     spent = ", ".join(f"{phase} {seconds:.1f} s" for phase, seconds in result.seconds.items())
     real = result.provenance
     threads = f", {real['threads']} threads" if real["threads"] else ""
@@ -68,40 +75,16 @@ def print_run(console: Console, result: RunResult) -> None:
         print_files(console, result.directory, result.files)
 
 
-def relief_lines(result: RunResult) -> list[str]:
-    """Where relief valves opened, a line for each chamber and load step."""
-    scene = result.scene
-    return [
-        f"of {name} opened at load step {step.number}, at {with_unit(step.pressures[name], scene.units.stress)}: let out "
-        f"{with_unit(amount, scene.units.volume)} of gas at {with_unit(scene.pressures[name].ambient or 0.0, scene.units.stress)}"
-        for step in result.steps
-        for name, amount in step.relieved.items()
-    ]
-
-
-def balance_lines(result: RunResult) -> list[str]:
-    """The resultants of all that acts at the end of each stage, and how nearly they cancel."""
-    ends = {step.stage: step for step in result.steps if step.converged}
-    unit = result.scene.units.force
-    return [
-        f"of forces at the end of {stage}: "
-        + ", ".join(
-            f"{name} ({', '.join(f'{part:.4g}' for part in vector)}) {unit}" for name, vector in step.balance.items()
-        )
-        + f"; together {step.imbalance:.1e} of the largest"
-        for stage, step in ends.items()
-    ]
-
-
-def wall_lines(result: RunResult) -> list[str]:
-    """What contact of walls with each other took, and whether sides of elements cross, of the stages' ends."""
-    ends = {step.stage: step for step in result.steps if step.converged and step.walls}
-    return [
-        f"of walls in {stage}: {sum(one.walls['searches'] for one in result.steps if one.stage == stage)} searches, "
-        f"{sum(one.walls['patterns'] for one in result.steps if one.stage == stage)} patterns of the matrix; "
-        f"{step.walls['crossings']} sides of elements cross others"
-        for stage, step in ends.items()
-    ]
+def _print_estimate(console: Console, result: RunResult) -> None:
+    """Error estimates, where they were asked for."""
+    if result.estimate is None:
+        return
+    if any(step.probes for step in result.estimate.steps):
+        _print_plain(console, f"errors estimated by the mesh cut in four ({result.estimate.tri_count} elements)")
+        print_table(console, estimate_columns(result.scene, result.estimate))
+    for note in estimate_notes(result.estimate, result.layers):
+        print_wrapped(console, "errors", note)
+    console.print()
 
 
 def _print_at_rest(console: Console, result: RunResult) -> None:

@@ -37,6 +37,13 @@ RenderOption = Annotated[
         show_default="yes; with --resume as the run was begun",
     ),
 ]
+EstimateOption = Annotated[
+    bool,
+    typer.Option(
+        "--estimate", help="Estimate the errors of probes: the last load step solved again on the mesh cut in four."
+    ),
+]
+EstimateAllOption = Annotated[bool, typer.Option("--estimate-all", help="The same of all load steps.")]
 ReportOption = Annotated[bool, typer.Option("--report", help="Also write report.html, as the command report does.")]
 
 
@@ -60,6 +67,8 @@ def run(
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="all cores")] = None,
     repair: RepairOption = False,
     report: ReportOption = False,
+    estimate: EstimateOption = False,
+    estimate_all: EstimateAllOption = False,
 ) -> None:
     """Solve the load steps of a scene, write and draw them.
 
@@ -92,6 +101,7 @@ def run(
                 threads=threads,
                 render=render,
                 repair=repair,
+                estimate="all" if estimate_all else estimate,
                 observer=observer,
             )
 

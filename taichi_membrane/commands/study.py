@@ -27,7 +27,11 @@ def study(
         ),
     ],
     reference: Annotated[
-        str, typer.Option(metavar="VALUE|finest|extrapolated|check", help="What errors are measured against.")
+        str,
+        typer.Option(
+            metavar="VALUE|PROBE=VALUE,…|finest|extrapolated|check",
+            help="What errors are measured against. A limit is extrapolated where the observed order is that of the elements.",
+        ),
     ] = "finest",
     probe: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Measure this probe only. May be repeated.")

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.execution.observer import Clock, Observer
 from taichi_membrane.execution.turn import in_turn, refuse_within
-from taichi_membrane.names import Arch, Precision
+from taichi_membrane.names import Arch, EstimatedSteps, Precision
 from taichi_membrane.scene import Camera, Scene
 
 if TYPE_CHECKING:
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from taichi_membrane.output.reader import SavedRun
     from taichi_membrane.output.writer import Writer
     from taichi_membrane.simulation.model import Model
-    from taichi_membrane.simulation.results import ProbeFunction, RunResult, Settings
+    from taichi_membrane.simulation.refined import Refined
+    from taichi_membrane.simulation.results import Estimate, ProbeFunction, RunResult, Settings, StepResult
     from taichi_membrane.simulation.solver_choice import SolverChoice
 
 
@@ -40,6 +41,7 @@ def run(
     render: bool = True,
     repair: bool = False,
     probes: Mapping[str, ProbeFunction] | None = None,
+    estimate: bool | Literal["last", "all"] = False,
     observer: Observer | None = None,
 ) -> RunResult:
     """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
@@ -54,6 +56,8 @@ def run(
     :param repair: mend a mesh file where that is safe; ``RunResult.mesh.mended`` says what was done.
     :param probes: what to measure at every load step beside the scene's probes, by name: functions of the mesh and the
         :class:`StepResult`, which has everything else, that give a number.
+    :param estimate: solve the last load step (True, ``last``) or all of them again on the mesh cut in four, and tell the errors of
+        probes: ``RunResult.estimate``.
     :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk; another
         run that writes in ``out``; a call from within another run. A step that does not converge raises nothing: it ends the run,
         and ``RunResult.converged`` says so.
@@ -70,7 +74,9 @@ def run(
     from taichi_membrane.simulation.results import Settings
 
     scene = with_surfaces(scene, base)
-    given, settings = mesh, Settings(arch=arch, precision=precision, threads=threads, render=render)
+    which: EstimatedSteps = "last" if estimate is True else estimate or ""
+    given = mesh
+    settings = Settings(arch=arch, precision=precision, threads=threads, render=render, estimate=which)
 
     def work() -> RunResult:
         with clock.phase("setup", "reading the mesh"):
@@ -147,6 +153,8 @@ def _carry_out(
 ) -> RunResult:
     """Solve the load steps that are not saved yet; write, judge and draw all."""
     observer = clock.observer
+    with clock.phase("setup"):
+        fine = _refined(model, settings)  # what cannot be refined is refused before anything is solved
     with clock.phase("start", "starting Taichi"):
         from taichi_membrane.device import runtime
 
@@ -165,12 +173,16 @@ def _carry_out(
     with clock.phase("setup"):
         solver = chosen_solver(model)
         model.structure.prepare(matrix=solver.kind != "relaxation")
+        if fine is not None:
+            fine.model.structure.prepare(matrix=chosen_solver(fine.model).kind != "relaxation")
     provenance = _provenance(model, active, solver)
     if saved is not None:
         _refuse_other_bits(saved, provenance)
     writer = _writer(out, model, settings, provenance, saved)
     with clock.phase("compile", "compiling kernels"):
         # Uploads compile a kernel for every type of field, so they belong here too.
+        if fine is not None:
+            analysis.ready(fine.model)  # in its kernels there is room for the coarse model
         work = analysis.ready(model)
     result = RunResult(
         scene=model.scene, mesh=model.structure.mesh, steps=() if saved is None else saved.steps, checks=(),
@@ -190,9 +202,37 @@ def _carry_out(
         raise  # a file that cannot be written, so nothing more is
     except BaseException:
         # Also after Ctrl-C: what was computed is judged, drawn and kept.
-        _finish(replace(result, outcome=work.outcome), writer, clock, render=settings.render)
+        _finish(replace(result, outcome=work.outcome), work.model, writer, clock, render=settings.render)
         raise
-    return _finish(replace(result, outcome=work.outcome), writer, clock, render=settings.render)
+    result, model = replace(result, outcome=work.outcome), work.model
+    if fine is not None and any(step.converged for step in result.steps):
+        try:
+            result = replace(result, estimate=_estimated(model, fine, result.steps, settings, clock))
+        except KeyboardInterrupt:
+            _finish(result, model, writer, clock, render=settings.render)
+            raise
+    return _finish(result, model, writer, clock, render=settings.render)
+
+
+def _refined(model: Model, settings: Settings) -> Refined | None:
+    """The model on its mesh cut in four, where errors are to be estimated.
+
+    :raises InputError: it cannot be.
+    """
+    if not settings.estimate:
+        return None
+    from taichi_membrane.simulation.refined import refined
+
+    return refined(model)
+
+
+def _estimated(model: Model, fine: Refined, steps: Sequence[StepResult], settings: Settings, clock: Clock) -> Estimate:
+    """Solve load steps again on the mesh cut in four."""
+    from taichi_membrane.simulation import analysis
+    from taichi_membrane.simulation.estimating import Again
+
+    with clock.phase("estimate", "solving on the mesh cut in four"):
+        return Again(model, fine, analysis.ready(fine.model), clock.progress).estimate(steps, settings.estimate)
 
 
 def _writer(
@@ -252,6 +292,8 @@ def _result(saved: SavedRun) -> RunResult:
         seconds=saved.seconds,
         provenance=saved.provenance,
         outcome=saved.outcome,
+        layers=saved.layers,
+        estimate=saved.estimate,
         directory=saved.directory,
         files=saved.files,
     )
@@ -271,11 +313,13 @@ def _refuse_other_bits(saved: SavedRun, provenance: dict[str, Any]) -> None:
             )
 
 
-def _finish(result: RunResult, writer: Writer | None, clock: Clock, *, render: bool) -> RunResult:
-    """Judge the checks, draw the pictures and write the final summary."""
+def _finish(result: RunResult, model: Model, writer: Writer | None, clock: Clock, *, render: bool) -> RunResult:
+    """Judge the checks and the mesh, draw the pictures and write the final summary."""
     from taichi_membrane.simulation import probes
+    from taichi_membrane.simulation.told_layers import told_layers
 
-    result = replace(result, checks=probes.run_checks(result.scene, result.steps))
+    checks = probes.run_checks(result.scene, result.steps)
+    result = replace(result, checks=checks, layers=told_layers(model, result.steps))
     if writer is None or not result.steps:
         return result
     if render:

@@ -27,11 +27,12 @@ from taichi_membrane.mechanics.wall_search import Touched
 from taichi_membrane.mesh import Mesh, placed, with_added_nodes
 from taichi_membrane.mesh.check import frozen
 from taichi_membrane.names import Outcome
+from taichi_membrane.output.accuracy import estimate_of, layer_of
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
 from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.policy import Passage
-from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
+from taichi_membrane.simulation.results import Estimate, Floats, Layer, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
 
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 9
@@ -54,6 +55,7 @@ class SavedRun:
     :param steps: whole load steps; ``records`` is what the summary has of each.
     :param seconds: time spent in each phase so far.
     :param complete: all is done, the last summary included; nothing is left to do. ``outcome`` then tells how it ended.
+    :param layers: boundary layers, of a run that has ended, and ``estimate`` errors, where they were asked for.
     :param own_probes: names of its probes beside the scene's.
     :param mesh_checksum: SHA-256 of mesh.vtu.
     :param files: what the run wrote, in order.
@@ -70,6 +72,8 @@ class SavedRun:
     seconds: dict[str, float]
     complete: bool
     outcome: Outcome
+    layers: tuple[Layer, ...]
+    estimate: Estimate | None
     records: tuple[dict[str, Any], ...]
     mesh_checksum: str
     files: tuple[Path, ...]
@@ -101,6 +105,8 @@ def read_run(directory: Path) -> SavedRun:
             seconds=_numbers(summary["seconds"]),
             complete=bool(summary["complete"]),
             outcome=summary.get("outcome", "interrupted"),
+            layers=tuple(map(layer_of, summary.get("layers", ()))),
+            estimate=estimate_of(summary.get("estimate")),
             records=records,
             mesh_checksum=mesh_checksum,
             files=tuple(directory / Path(name).name for name in summary["files"]),
@@ -176,11 +182,10 @@ def _damage_told(directory: Path) -> Iterator[None]:
         raise InputError(f"{directory / SUMMARY}: damaged: {type(error).__name__}: {error}") from error
 
 
-def _settings(arch: Any, precision: Any, threads: Any, render: Any) -> Settings:
+def _settings(arch: Any, precision: Any, threads: Any, render: Any, estimate: Any = "") -> Settings:
     """What the run was asked for; the names are checked where Taichi is started."""
-    return Settings(
-        arch=arch, precision=precision, threads=None if threads is None else int(threads), render=bool(render)
-    )
+    count = None if threads is None else int(threads)
+    return Settings(arch=arch, precision=precision, threads=count, render=bool(render), estimate=estimate)
 
 
 def _scene(directory: Path, summary: dict[str, Any]) -> Scene:

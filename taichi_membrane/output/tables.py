@@ -10,9 +10,11 @@ from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_label, driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
 from taichi_membrane.simulation.policy import told
-from taichi_membrane.simulation.results import CheckResult, StepResult
+from taichi_membrane.simulation.results import COARSEST, CheckResult, Estimate, Layer, LayerSide, StepResult
 
 _ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
+
+UNRESOLVED = f"not resolved (h/l above {COARSEST:g}): an error estimate does not contain it"
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,58 @@ def stability_notes(steps: Sequence[StepResult]) -> list[tuple[str, str]]:
             which = f"load step {numbers[0]}" if len(numbers) == 1 else f"load steps {numbers[0]} to {numbers[-1]}"
             notes.append((f"{verdict} of {which}" if verdict == "not told" else which, why))
     return notes
+
+
+def layer_lines(layers: Sequence[Layer], unit: str) -> list[str]:
+    """What a mesh does with boundary layers, a line for all lines of one kind: that whose elements are longest for their layer."""
+    kinds: dict[tuple[str, ...], list[Layer]] = {}
+    for layer in layers:
+        kinds.setdefault(layer.causes, []).append(layer)
+    lines = []
+    for causes, found in kinds.items():
+        worst = max(found, key=lambda one: max((side.ratio or 0.0 for side in one.sides), default=0.0))
+        count = f" ({len(found)} lines)" if len(found) > 1 else ""
+        text = f"{', '.join(causes)}{count}: {'; '.join(_layer_side(side, unit) for side in worst.sides)}"
+        lines.append(f"{text}. WARNING: {UNRESOLVED}" if worst.resolved is False else text)
+    return lines
+
+
+def _layer_side(side: LayerSide, unit: str) -> str:
+    """One side of a line in words."""
+    size = f"{side.side} h = {side.size:.3g} {unit}"
+    if side.length is None or side.ratio is None:
+        return f"{size}, l unknown ({side.unknown})"
+    return f"{size}, l = {side.length:.3g} {unit}, h/l = {side.ratio:.2g}"
+
+
+def estimate_columns(scene: Scene, estimate: Estimate) -> list[Column]:
+    """The table of error estimates: each probe on its own mesh and on that cut in four, and the error that these tell."""
+    rows = [(step, name, one) for step in estimate.steps for name, one in step.probes.items()]
+    units = [probe_unit(scene, name) if name in scene.probes else "" for _, name, _ in rows]
+    shares = [100.0 * one.error / abs(one.value) if one.value else None for _, _, one in rows]
+    return [
+        Column("probe", [name for _, name, _ in rows]),
+        Column("at", [f"{step.stage} {step.stage_step}" for step, _, _ in rows]),
+        Column("value", [with_unit(one.value, unit) for (_, _, one), unit in zip(rows, units, strict=True)]),
+        Column("cut in four", [f"{one.fine:.6g}" for _, _, one in rows]),
+        Column("error", [f"{one.error:+.2g}" for _, _, one in rows]),
+        Column("", ["-" if share is None else f"{share:+.2g} %" for share in shares]),
+        Column("order taken", [f"{one.order:g}" for _, _, one in rows]),
+    ]
+
+
+def estimate_notes(estimate: Estimate, layers: Sequence[Layer]) -> list[str]:
+    """Of which load steps errors are not known, and why; and what the estimates do not contain."""
+    notes = [f"unknown at {one.stage} {one.stage_step}: {one.unknown}" for one in estimate.steps if one.unknown]
+    if not any(step.probes for step in estimate.steps):
+        return notes
+    left_out = [f"the estimates do not contain {words}" for words in estimate.left_out]
+    missed = [", ".join(causes) for causes in dict.fromkeys(one.causes for one in layers if one.resolved is False)]
+    if missed:
+        left_out.append(
+            f"WARNING: the estimates do not contain what layers that are not resolved do ({'; '.join(missed)})"
+        )
+    return notes + left_out
 
 
 def number_column(name: str, unit: str, values: list[float]) -> Column:

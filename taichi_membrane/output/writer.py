@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from taichi_membrane import fields
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
+from taichi_membrane.output.accuracy import estimate_record, layer_record
 from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.case_tables import case_records, write_cases
 from taichi_membrane.output.lock import LOCK
@@ -148,6 +149,8 @@ class Writer:
             "converged": result.converged,
             "passed": result.passed,
             "checks": [asdict(check) for check in result.checks],
+            "layers": [layer_record(layer) for layer in result.layers],
+            "estimate": estimate_record(result.estimate),
         }
         if result.scene.cases:
             verdict |= case_records(result)

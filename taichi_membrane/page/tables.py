@@ -9,7 +9,14 @@ from html import escape
 import numpy as np
 
 from taichi_membrane.output.case_tables import case_columns, range_columns, reaction_columns, worst_reaction_columns
-from taichi_membrane.output.tables import check_columns, stability_notes, step_columns
+from taichi_membrane.output.tables import (
+    check_columns,
+    estimate_columns,
+    estimate_notes,
+    layer_lines,
+    stability_notes,
+    step_columns,
+)
 from taichi_membrane.scene.drivers import kind_named
 from taichi_membrane.scene.element_field import given_text
 from taichi_membrane.simulation.reactions import support_forces
@@ -62,8 +69,8 @@ def _is_number(text: str) -> bool:
 def all_tables(result: RunResult) -> list[Table]:
     """Every table of the page, in order."""
     return [
-        *_cases(result), _steps(result), _checks(result), _reactions(result), _at_rest(result), _supports(result), _loads(result),
-        _fabrics(result), _provenance(result),
+        *_cases(result), _steps(result), _checks(result), _errors(result), _layers(result), _reactions(result), _at_rest(result),
+        _supports(result), _loads(result), _fabrics(result), _provenance(result),
     ]  # fmt: skip
 
 
@@ -108,6 +115,28 @@ def _checks(result: RunResult) -> Table:
     headers = [*(column.header or "verdict" for column in columns), "source of the reference"]
     cells = [*(column.cells for column in columns), [check.source for check in result.checks]]
     return Table("checks", "Checks", headers, list(zip(*cells, strict=True)))
+
+
+def _errors(result: RunResult) -> Table:
+    if result.estimate is None:
+        return Table("errors", "Estimated errors", [], [])
+    columns = estimate_columns(result.scene, result.estimate)
+    rows = list(zip(*(column.cells for column in columns), strict=True))
+    rows += [
+        ("", f"{one.stage} {one.stage_step}", "unknown", "", "", "", "") for one in result.estimate.steps if one.unknown
+    ]
+    note = ". ".join(
+        ["Load steps solved again on the mesh cut in four", *estimate_notes(result.estimate, result.layers)]
+    )
+    return Table("errors", "Estimated errors", [column.header or "share" for column in columns], rows, None, f"{note}.")
+
+
+def _layers(result: RunResult) -> Table:
+    lines = layer_lines(result.layers, result.scene.units.length)
+    note = "l: distance over which a disturbance of the wall decays; h: height over the line of the elements beside it."
+    return Table(
+        "layers", "Boundary layers", ["line, and the wall on its sides"], [[line] for line in lines], None, note
+    )
 
 
 def _reactions(result: RunResult) -> Table:

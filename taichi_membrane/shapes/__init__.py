@@ -13,6 +13,7 @@ from taichi_membrane.shapes.sails import cone, hypar
 from taichi_membrane.shapes.sector import annulus, wedge
 from taichi_membrane.shapes.stitched import drop_stitch
 from taichi_membrane.shapes.tent import arch_tent
+from taichi_membrane.shapes.true_surface import place_of
 
 __all__ = [
     "airbag",
@@ -27,6 +28,7 @@ __all__ = [
     "hypar",
     "mattress",
     "panel",
+    "place_of",
     "pumpkin",
     "sphere",
     "tube",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +22,34 @@ def of_order(mesh: Mesh, order: int, place: Place, where: str) -> Mesh:
     """A shape's mesh as it is for ``order`` 1, with nodes amid edges on its true surface for 2."""
     check_count(where, "order", order, 1)
     return mesh if order == 1 else with_middles(mesh, place)
+
+
+def place_of(shape: str, given: Mapping[str, Any]) -> Place | None:
+    """Where the surface of a shape has nodes amid edges, by its name and arguments; None of one whose surface is not known."""
+    if shape == "tube":
+        return on_tube(given["radius"], given["length"], (given["cap_start"], given["cap_end"]))
+    if shape == "arch":
+        half = np.deg2rad(given["angle"]) / 2.0
+        arc_radius = float(given["span"] / (2.0 * np.sin(half)))
+        return on_torus(arc_radius, given["radius"], float(arc_radius * np.cos(half)))
+    if shape == "water_tube":
+        radius, length = given["radius"], given["length"]
+        ends = "none" if given["ends"] == "open" else given["ends"]
+        return moved(on_tube(radius, length, (ends, ends)), np.array([-0.5 * length, 0.0, radius]))
+    if shape == "sphere":
+        return on_sphere(given["radius"])
+    if shape in ("disc", "wedge"):
+        return on_rings(given["radius"])
+    if shape == "annulus":
+        return on_rings(given["inner"], given["outer"])
+    if shape == "airbag" and given["outline"] == "disc":
+        return on_rings(0.5 * given["size"])
+    return straight if shape in ("panel", "cushion", "airbag") else None
+
+
+def moved(place: Place, by: Floats) -> Place:
+    """Of a surface moved by a vector (3,)."""
+    return lambda first, second: place(first - by, second - by) + by
 
 
 def on_tube(radius: float, length: float, caps: tuple[str, str]) -> Place:

@@ -147,7 +147,9 @@ class Analysis:
             yield from had
             return
         started = time.perf_counter()
-        form = Forming(self.model, self.equilibrium, self.take, stage, course.target).find(_report(stage, 1, progress))
+        form = Forming(self.model, self.equilibrium, self.take, stage, course.target).find(
+            reporting(stage, 1, progress)
+        )
         step = self.measure.step(number, stage, 1, course, 1.0, form.record, 0, started)
         # To the last bit what the model is made of, as a run that goes on makes it anew.
         fields = {**step.fields, "stress": form.stress, "cable_force": form.cable_force}
@@ -182,7 +184,7 @@ class Analysis:
     ) -> StepResult:
         """One load step, halved as often as allowed while it fails; a failed one keeps the last equilibrium it reached."""
         started = time.perf_counter()
-        report = _report(stage, k, progress)
+        report = reporting(stage, k, progress)
         reached, end = (k - 1) / stage.steps, k / stage.steps
         size, cuts, iterations = end - reached, 0, 0
         trace: list[Passage] = []
@@ -259,7 +261,7 @@ class Analysis:
                 failed = _walked(point, converged=False, reason=reason)
                 yield self.measure.step(number + k - 1, stage, k, course, share, failed, 0, started)
                 return
-            report = _report(stage, k, progress)
+            report = reporting(stage, k, progress)
             if report is not None:
                 report(Progress(iteration=following.iterations, residual=following.residual, seconds=0.0))
             point = following
@@ -295,7 +297,8 @@ def ready(model: Model) -> Analysis:
     return work
 
 
-def _report(stage: Stage, k: int, progress: ProgressCallback | None) -> Report:
+def reporting(stage: Stage, k: int, progress: ProgressCallback | None) -> Report:
+    """What a solver calls to tell how far step ``k`` of a stage is."""
     return None if progress is None else lambda p: progress(stage.name, k, stage.steps, p)
 
 

@@ -122,13 +122,13 @@ class LoadStep:
 
     def _attempt(self, a: Rest, aim: float, known: Rest | None) -> tuple[Rest | None, str]:
         """A stable equilibrium at an aim and how it compares with the last one; none, and ``failed``, where Newton finds none."""
-        if known is not None and (kind := self._told(a, known)) in ("consistent", "unknown"):
+        if known is not None and (kind := self.way.told(a, known, self.policy)) in ("consistent", "unknown"):
             return known, kind
         self.system.set_displacement(a.position)
         b = self._solve(aim)
         if b is None or b.negative:
             return None, "failed"
-        kind = self._told(a, b)
+        kind = self.way.told(a, b, self.policy)
         if kind == "jump" and self.pathless and aim - a.share > 2.0**-self.policy.parts:
             kind = "curved"  # no path to follow: find the jump as nearly as parts can be
         return b, kind
@@ -276,8 +276,13 @@ class LoadStep:
             found = self._solve(end.upper + height)
             if found is not None and found.stable and found.share > 1.0:
                 found = self._solve(1.0)
-            if found is not None and found.stable and self._compare(last, found) != "jump":
-                return found
+            if (
+                found is not None
+                and found.stable
+                and self._compare(last, found) != "jump"
+                and self.way.near(last, found)
+            ):
+                return found  # on a branch: its stiffness tells most of the way to it
         return None
 
     # ---- where the load moves nothing
@@ -376,11 +381,6 @@ class LoadStep:
         """Whether the structure is so soft, against the stiffest of its course, that load control is not worth trying."""
         return a.stiffness is not None and self.stiffest.take(self.way, a.stiffness) < self.policy.soft
 
-    def _told(self, a: Rest, b: Rest) -> str:
-        """How two ends of a part of the way compare, which halfway between them may show to be smooth though curved."""
-        kind = self._compare(a, b)
-        return "consistent" if kind == "curved" and self.way.foreseen(a, b, self.policy.resolution) else kind
-
     def _compare(self, a: Rest, b: Rest) -> str:
         return self.way.compare(a, b, self.policy.resolution).kind
 
@@ -388,8 +388,7 @@ class LoadStep:
         """What is seen of the piece of the path between two points."""
         found = self.way.compare(first := self.way.of_point(a), second := self.way.of_point(b), self.policy.nearer)
         rises = b.negative == 0 and b.factor - a.factor > self.policy.shortest
-        softer, stiffer = sorted(abs(end.stiffness or 0.0) for end in (first, second))
-        near = not rises or softer >= self.policy.softening * stiffer
+        near = not rises or first.alike(second, self.policy.softening)
         return Seen(found.kind == "consistent" and near, found.slack, found.noise)
 
     def _progress(self, point: PathPoint) -> None:

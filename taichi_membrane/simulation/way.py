@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.simulation.load_state import LoadState
+from taichi_membrane.simulation.policy import Policy
 from taichi_membrane.solvers.in_contact import held_now
 from taichi_membrane.solvers.newton import Newton
 from taichi_membrane.solvers.path import PathPoint
@@ -55,6 +56,11 @@ class Rest:
         """Whether the tangent is known to be positive definite."""
         return self.negative == 0
 
+    def alike(self, other: Rest, share: float) -> bool:
+        """Whether the softer one of two has at least this share of the stiffer one's stiffness."""
+        softer, stiffer = sorted(abs(end.stiffness or 0.0) for end in (self, other))
+        return softer >= share * stiffer
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -65,11 +71,14 @@ class Comparison:
         stiffness has changed there, and says nothing of the way).
     :param slack: how much of the share the difference of secant and tangents comes to.
     :param noise: how much of the share residuals come to: what the two are not known better than.
+    :param spread: share of the load displacement that parts of the structure take otherwise than both tangents foretell, of ends
+        that are ``consistent``.
     """
 
     kind: Kind
     slack: float = 0.0
     noise: float = 0.0
+    spread: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +114,11 @@ class Way:
         self.moves = before.motions != after.motions
         self.pushes = before.obstacles != after.obstacles
         self.linear = linear and not self.moves and not self.pushes
+
+    @property
+    def looks(self) -> bool:
+        """Whether :meth:`foreseen` can tell anything: of forces that are linear in the share, and without contact."""
+        return self.linear and not self.system.contacts
 
     def at(self, share: float) -> LoadState:
         """The load state at a share of the way."""
@@ -226,6 +240,14 @@ class Way:
             noise=noise, **self._touched(),
         )  # fmt: skip
 
+    def told(self, a: Rest, b: Rest, policy: Policy) -> Kind:
+        """How two ends of a part of the way compare; where that can't tell whether it is smooth, halfway between them may."""
+        found = self.compare(a, b, policy.resolution)
+        doubtful = found.spread > policy.parted or not a.alike(b, policy.softening)
+        if found.kind != "curved" and not (found.kind == "consistent" and doubtful and self.looks):
+            return found.kind
+        return "consistent" if self.foreseen(a, b, policy.resolution) else "curved"
+
     def compare(self, a: Rest, b: Rest, resolution: float) -> Comparison:
         """Whether a smooth path leads from one equilibrium to another, by :mod:`taichi_membrane.simulation.policy`'s e."""
         if a.stiffness is None or b.stiffness is None:
@@ -241,7 +263,7 @@ class Way:
         noise = a.noise + b.noise
         slack = abs(deviation * work)
         if slack <= resolution * largest * abs(work) + noise:
-            return Comparison("consistent", slack, noise)
+            return Comparison("consistent", slack, noise, self._spread(a, b, work))
         return Comparison("jump" if secant < min(a.stiffness, b.stiffness) else "curved", slack, noise)
 
     def foreseen(self, a: Rest, b: Rest, resolution: float) -> bool:
@@ -252,7 +274,7 @@ class Way:
         leaves J/2, as halfway the cubics have gone half of it. Nothing is told where the cubic λ(P) is softer in between than at
         both ends, as it is where the structure snaps through, or stiffer, as where a snap begins at the limit itself.
         """
-        if not self.linear or self.system.contacts or a.stiffness is None or b.stiffness is None:
+        if not self.looks or a.stiffness is None or b.stiffness is None:
             return False
         assert a.tangent is not None
         assert b.tangent is not None
@@ -272,6 +294,24 @@ class Way:
         self.system.set_displacement(position)
         self.press(b.share)
         return stable and off <= 0.5 * resolution * abs(whole)
+
+    def _spread(self, a: Rest, b: Rest, work: float) -> float:
+        """Σ |f · (Δu − ½ ΔP (s_a t_a + s_b t_b))| over |ΔP|, node by node: what parts do against one another does not cancel.
+
+        The trapezoid of du/dP = s t, of tangents t = K⁻¹f; its sum without the sizes vanishes, as f · t = 1/s.
+        """
+        assert a.stiffness is not None
+        assert b.stiffness is not None
+        assert a.tangent is not None
+        assert b.tangent is not None
+        step = self.system.difference(a.position, b.position)
+        off = step - 0.5 * work * (a.stiffness * a.tangent + b.stiffness * b.tangent)
+        return float(np.abs(np.einsum("ni,ni->n", 0.5 * (a.force + b.force), off)).sum()) / abs(work)
+
+    def near(self, a: Rest, b: Rest) -> bool:
+        """Whether ``b``, on a path that branches off above ``a``, is no further from it than twice what its stiffness tells."""
+        assert b.stiffness is not None
+        return 2.0 * (b.share - a.share) >= b.stiffness * self._load_displacement(a, b)
 
     def _load_displacement(self, a: Rest, b: Rest) -> float:
         """ΔP = ∫ f · du along the chord, by Simpson's rule.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib import metadata
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.execution.run import summarise
@@ -21,12 +21,13 @@ from taichi_membrane.scene import MeshFile, Scene
 from taichi_membrane.scene.file import load_scene
 from taichi_membrane.scene.messages import not_one_of
 from taichi_membrane.scene.units import probe_unit
+from taichi_membrane.study.references import ReferenceKind, reference_of
 
 RUN_DEFAULTS = {"precision": "f64", "arch": "cpu", "threads": ""}  # settings of a run that are no keys of a scene
+# Keys of the mesh that say what elements are, not how many.
+_ELEMENT = ("mesh.order", "mesh.points")
 # What changes no number of a run: a run need not be repeated when only these change.
 _SHOWN_ONLY = {"title", "description", "checks", "curve", "camera"}
-
-ReferenceKind = Literal["finest", "extrapolated", "check"]
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,12 @@ class Case:
         return _label({key: value for key, value in self._untied.items() if _opens_sequence(key, value)})
 
     @property
+    def problem(self) -> str:
+        """The varied settings that change the problem, whatever the mesh."""
+        opens = {key: value for key, value in self._untied.items() if _opens_sequence(key, value)}
+        return _label({key: value for key, value in opens.items() if not key.startswith("mesh.")})
+
+    @property
     def method(self) -> str:
         """The varied settings of how the problem is solved: all but mesh and problem."""
         return _label({k: v for k, v in self._untied.items() if not (k.startswith("mesh.") or _opens_sequence(k, v))})
@@ -123,12 +130,15 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """A study that can be run: its cases, the probes it measures, and what their values are compared with."""
+    """A study that can be run: its cases, the probes it measures, and what their values are compared with.
+
+    :param reference: a value for each probe, or where it comes from.
+    """
 
     path: Path
     cases: tuple[Case, ...]
     probes: tuple[str, ...]
-    reference: ReferenceKind | float
+    reference: ReferenceKind | Mapping[str, float]
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -176,7 +186,7 @@ def build_plan(
     :param fixed: ``KEY=VALUE`` for all cases.
     :param probes: probes to measure; all when empty.
     :param at: ``STAGE:STEP``, with the step counted from 1 or from the end with -1; the last load step when None.
-    :param reference: a number, ``finest``, ``extrapolated`` or ``check``.
+    :param reference: a number, ``PROBE=VALUE,…``, ``finest``, ``extrapolated`` or ``check``.
     :raises InputError: a key, value, probe, load step or reference that some combination does not have.
     """
     axes = [parse_axis(text) for text in vary]
@@ -191,7 +201,7 @@ def build_plan(
     tied = frozenset(itertools.chain.from_iterable(map(_tied, axes)))
     cases = tuple(_case(path, varied, tied, constant, at, tri_counts) for varied in _grid(axes))
     chosen = _probes(cases, probes, reference)
-    return Plan(path=path, cases=cases, probes=chosen, reference=_reference(cases, chosen, reference))
+    return Plan(path=path, cases=cases, probes=chosen, reference=reference_of(cases, chosen, reference))
 
 
 def _tied(axis: Axis) -> tuple[str, ...]:
@@ -285,45 +295,6 @@ def _probes(cases: Sequence[Case], asked: Sequence[str], reference: str) -> tupl
     return tuple(dict.fromkeys(asked)) or tuple(every)
 
 
-def _reference(cases: Sequence[Case], probes: Sequence[str], text: str) -> ReferenceKind | float:
-    if text == "finest":
-        return "finest"
-    if text == "check":
-        for case in cases:
-            missing = [probe for probe in probes if case.check_reference(probe) is None]
-            if missing:
-                where = f"{case.stage}:{case.step}"
-                raise InputError(f"--reference check: {case.path} has no check of probe {missing[0]!r} at {where}")
-        return "check"
-    if text == "extrapolated":
-        for sequence in dict.fromkeys(case.sequence for case in cases):
-            _check_extrapolation([case for case in cases if case.sequence == sequence])
-        return "extrapolated"
-    try:
-        value = float(text)
-    except ValueError:
-        allowed = not_one_of(text, get_args(ReferenceKind))
-        raise InputError(f"--reference {text!r}: neither a number nor a known word; {allowed}") from None
-    if not math.isfinite(value):
-        raise InputError(f"--reference {text!r}: must be a finite number")
-    if len(probes) != 1:
-        raise InputError(f"--reference {text}: a number needs one --probe, not {len(probes)}: {', '.join(probes)}")
-    return value
-
-
-def _check_extrapolation(cases: Sequence[Case]) -> None:
-    """Richardson's extrapolation needs three meshes, each finer than the one before."""
-    counts = {case.mesh: case.tri_count for case in cases}
-    if len(set(counts.values())) < len(counts):
-        raise InputError(f"--reference extrapolated: two meshes have the same number of triangles: {_counted(counts)}")
-    if len(counts) < 3:
-        raise InputError(f"--reference extrapolated: needs 3 meshes at least, not {len(counts)}: {_counted(counts)}")
-
-
-def _counted(counts: Mapping[str, int]) -> str:
-    return "; ".join(f"{mesh or 'as it is'}: {count}" for mesh, count in counts.items())
-
-
 def _parse_fixed(text: str) -> tuple[str, str]:
     key, sign, value = (part.strip() for part in text.partition("="))
     if not sign or not key:
@@ -355,7 +326,7 @@ def _opens_sequence(key: str, value: str) -> bool:
     """Whether a setting is more than a finer mesh or another way to solve: another problem, or another kind of mesh."""
     if key in RUN_DEFAULTS or key.startswith("solver.") or re.fullmatch(r"stages[.\[][^.]+\.steps", key):
         return False
-    return not (key == "mesh.path" or (key.startswith("mesh.") and _is_number(value)))
+    return key in _ELEMENT or not (key == "mesh.path" or (key.startswith("mesh.") and _is_number(value)))
 
 
 def _is_number(text: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -76,7 +76,7 @@ def _json(study: Study) -> str:
         "varied": list(plan.varied),
         "fixed": dict(plan.cases[0].fixed),
         "probes": {probe: plan.unit(probe) for probe in plan.probes},
-        "reference": plan.reference,
+        "reference": dict(plan.reference) if isinstance(plan.reference, Mapping) else plan.reference,
         "runs": [_run_record(run) for run in study.runs],
         "measurements": [_row_record(row) for row in study.rows],
         "convergence": [_convergence_record(item) for item in study.convergences],
@@ -134,7 +134,8 @@ def _markdown(study: Study) -> str:
         parts.append("Set for all: " + ", ".join(f"`{key}={value}`" for key, value in case.fixed.items()) + ".")
     parts += [
         "Errors are relative: *error* against the reference, *iteration* against the most exact run on the same mesh, "
-        "*discretisation* of that run against the reference. A star marks the Pareto front of error and set-up + solve time. "
+        "*discretisation* of that run against the reference. A star marks the Pareto front of error and set-up + solve time, "
+        "against one given reference of all kinds of meshes and elements. "
         "*Compile* has the start of Taichi in it; Taichi's cache on disk is off, so that every run compiles everything.",
     ]
     jobs = max(run.jobs for run in study.runs)
@@ -163,7 +164,7 @@ def convergence_text(item: Convergence) -> str:
         found = item.extrapolation
         words.append(f"Richardson on the three finest meshes: order {found.order:.2f}, limit {found.value:.8g}.")
     else:
-        words.append(f"No extrapolation: {item.no_extrapolation}.")
+        words.append(f"No limit by extrapolation: {item.no_extrapolation}.")
     return " ".join(words)
 
 
