@@ -376,3 +376,24 @@ def test_check_lists_them() -> None:
     assert re.search(
         r"both: 1 step, pressure inside to 0.04 MPa, load tip to 3.5 N, load side to 1.25 N, after", said.getvalue()
     )
+
+
+def test_errors_of_cases_are_estimated_as_those_of_stages() -> None:
+    """Each from the end of its stage on the finer mesh too, the gas that it shuts in among it."""
+    cases = [{"name": "side", "loads": {"side": 1.0}}, {"name": "shut", "loads": {"tip": 2.0}, "closed": ["inside"]}]
+    # Finer and softer, as cut in four a stiff tube of eight sides would be another one.
+    parts = {
+        "mesh": PARTS["mesh"] | {"around": 24},
+        "fabric": PARTS["fabric"] | {"stiffness_warp": 80, "stiffness_weft": 50},
+    }
+    branched = tm.run(beam(cases=cases, checks=[], **parts), estimate="all").estimate
+    asked = PARTS | parts | {"stages": [*PARTS["stages"], cases[1]], "checks": []}
+    straight = tm.run(Scene.model_validate(asked), estimate="all")
+    assert branched is not None
+    assert straight.estimate is not None
+    assert [step.stage for step in branched.steps] == ["inflate", "inflate", "lean", "side", "shut"]
+    one, other = branched.steps[-1], straight.estimate.steps[-1]
+    assert not one.unknown
+    for name, probe in one.probes.items():
+        assert probe.value == other.probes[name].value
+        assert probe.fine == pytest.approx(other.probes[name].fine, rel=1e-6)
