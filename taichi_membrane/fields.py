@@ -161,8 +161,8 @@ FIELDS: tuple[Field, ...] = (
         measure="Cauchy", picture="scale",
     ),
     Field(
-        name="utilisation", place="element", picture="scale", optional=True,
-        meaning="utilisation: resultant × factor / (strength / safety), the largest of warp and weft, or of the major one",
+        # Resultant × factor / (strength / safety), the largest of warp and weft, or of the major one; undefined without a strength.
+        name="utilisation", place="element", meaning="utilisation of the strength", picture="scale", optional=True,
     ),
     Field(
         name="taut_margin", place="element",

@@ -14,6 +14,7 @@ from typing import Any
 import meshio
 import numpy as np
 import pytest
+from PIL import Image
 from pydantic import ValidationError
 from resume_cases import run_until
 from rich.console import Console
@@ -26,6 +27,7 @@ from taichi_membrane.commands import printing
 from taichi_membrane.commands.cli import app
 from taichi_membrane.execution.run import read_result
 from taichi_membrane.page.document import page
+from taichi_membrane.pictures.gallery import draw_envelope
 from taichi_membrane.scene import Scene
 from taichi_membrane.simulation.cases import envelope, numbers, ranges
 from taichi_membrane.simulation.results import RunResult
@@ -208,6 +210,19 @@ def test_a_case_is_what_its_stage_and_it_alone_would_give(run: RunResult, name: 
         assert all(two.drivers[driver] == value for driver, value in one.drivers.items())
 
 
+def test_a_case_starts_from_a_shut_valve_as_a_stage_does() -> None:
+    """The gas of the chamber is part of what it starts from."""
+    kept = {"name": "kept", "closed": ["inside"], "loads": {"tip": 1.0}, "steps": 2}
+    more = {"name": "more", "closed": ["inside"], "loads": {"tip": 2.0}}
+    stages = [*PARTS["stages"], kept]
+    first = {"name": "first", "loads": {"tip": 3.0}}
+    branched = tm.run(beam(stages=stages, cases=[first, more], checks=[])).cases["more"].steps[0]
+    straight = tm.run(Scene.model_validate(PARTS | {"stages": [*stages, more], "checks": []})).steps[-1]
+    assert branched.pressures["inside"] > PRESSURE
+    assert same(dict(branched.fields), dict(straight.fields))
+    assert branched.probes == straight.probes
+
+
 def test_a_combination_has_the_sums_of_its_cases_times_their_factors(run: RunResult) -> None:
     both = run.cases["both"].end
     assert both is not None
@@ -296,15 +311,25 @@ def test_files_hold_cases_their_numbers_and_the_envelope(run: RunResult) -> None
     assert again.checks == run.checks
 
 
+def test_the_envelope_is_drawn_on_the_shape_that_cases_start_from(run: RunResult, tmp_path: Path) -> None:
+    assert draw_envelope(run, run.scene.camera, tmp_path / "envelope.png")
+    drawn = np.asarray(Image.open(tmp_path / "envelope.png").convert("RGB")).astype(int)
+    assert drawn.shape == (240, 320, 3)
+    assert (np.ptp(drawn, axis=2) > 60).mean() > 0.02  # coloured, not grey
+    nobody = replace(run, steps=run.stage_steps)
+    assert not draw_envelope(nobody, run.scene.camera, tmp_path / "none.png")
+    assert not (tmp_path / "none.png").exists()
+
+
 def test_terminal_and_page_tell_them(run: RunResult) -> None:
     said = io.StringIO()
     printing.print_run(Console(file=said, width=200), run)
     text = said.getvalue()
     assert re.search(r"used +\S+ +\S+ +\S+ +storm", text)
-    assert re.search(r"storm +peg +-?\d", text)
+    assert re.search(r"peg +\S+ +-?\d\S* +-?\d\S* +-?\d\S* +\w+", text)
     shown = page(run)
     assert "4 of 4 load cases are reached" in shown
-    for caption in ("Load cases", "Worst cases", "Support forces of load cases"):
+    for caption in ("Load cases", "Worst cases", "Largest support forces", "Support forces of load cases"):
         assert f"<caption>{caption}</caption>" in shown
 
 
@@ -351,3 +376,24 @@ def test_check_lists_them() -> None:
     assert re.search(
         r"both: 1 step, pressure inside to 0.04 MPa, load tip to 3.5 N, load side to 1.25 N, after", said.getvalue()
     )
+
+
+def test_errors_of_cases_are_estimated_as_those_of_stages() -> None:
+    """Each from the end of its stage on the finer mesh too, the gas that it shuts in among it."""
+    cases = [{"name": "side", "loads": {"side": 1.0}}, {"name": "shut", "loads": {"tip": 2.0}, "closed": ["inside"]}]
+    # Finer and softer, as cut in four a stiff tube of eight sides would be another one.
+    parts = {
+        "mesh": PARTS["mesh"] | {"around": 24},
+        "fabric": PARTS["fabric"] | {"stiffness_warp": 80, "stiffness_weft": 50},
+    }
+    branched = tm.run(beam(cases=cases, checks=[], **parts), estimate="all").estimate
+    asked = PARTS | parts | {"stages": [*PARTS["stages"], cases[1]], "checks": []}
+    straight = tm.run(Scene.model_validate(asked), estimate="all")
+    assert branched is not None
+    assert straight.estimate is not None
+    assert [step.stage for step in branched.steps] == ["inflate", "inflate", "lean", "side", "shut"]
+    one, other = branched.steps[-1], straight.estimate.steps[-1]
+    assert not one.unknown
+    for name, probe in one.probes.items():
+        assert probe.value == other.probes[name].value
+        assert probe.fine == pytest.approx(other.probes[name].fine, rel=1e-6)

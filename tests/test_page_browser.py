@@ -151,7 +151,7 @@ def test_the_slider_obeys_the_keyboard(tab: chromium.Browser) -> None:
 
 def test_every_field_can_be_shown(tab: chromium.Browser) -> None:
     keys = tab.value("Array.from(document.getElementById('field').options, (one) => one.value)")
-    assert len(keys) == 1 + 9 + 8
+    assert len(keys) == 1 + 14 + 8
     pictures = []
     for key in keys:
         tab.choose("field", key)

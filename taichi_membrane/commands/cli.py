@@ -1,8 +1,9 @@
 """The command ``taichi-membrane``: run, check and draw scenes; verify the mechanics.
 
 Results go to standard output, progress and errors to standard error. Exit codes: 0 all well, 1 a check of the scene fails, 2 bad
-input or a file that cannot be written, 3 a load step did not converge or a path did not come to its loads, 4 the structure
-collapses before its last load, 5 a stage that should meet collapse met none, 130 interrupted.
+input or a file that cannot be written, 3 a load step did not converge, a path did not come to its loads or a load case has no
+stable end, 4 the structure collapses before its last load or in a load case, 5 a stage that should meet collapse met none, 130
+interrupted.
 """
 
 from __future__ import annotations
@@ -85,6 +86,7 @@ def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOptio
     from taichi_membrane.commands.model_printing import print_model
     from taichi_membrane.execution.run import summarise
     from taichi_membrane.scene import file as scene_file
+    from taichi_membrane.scene import presets
     from taichi_membrane.scene.texts import conversions
 
     path = scene_file.resolve_scene(scene)
@@ -93,7 +95,7 @@ def check(scene: SceneArgument, overrides: SetOption = None, repair: RepairOptio
     with naming(path):
         model, compiled_in, left_out = summarise(loaded, path.parent, repair=repair)
     texts = conversions(loaded, data, loaded.units)
-    print_model(console(), model, compiled_in, left_out, texts)
+    print_model(console(), model, compiled_in, left_out, texts, list(presets.told(data)))
 
 
 def verify(

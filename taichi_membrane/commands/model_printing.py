@@ -26,10 +26,12 @@ def print_model(
     compiled_in: Sequence[str],
     left_out: Sequence[str],
     conversions: Sequence[Conversion] = (),
+    presets: Sequence[tuple[str, str]] = (),
 ) -> None:
     """Print what a scene amounts to: units, sizes, groups, fabrics, what acts, what is compiled in.
 
     :param conversions: the texts with a unit of their own that the scene was written with.
+    :param presets: numbers that its fabrics take from presets, each with its source, by the fabric's key.
     """
     scene, mesh = model.scene, model.structure.mesh
     units = scene.units
@@ -54,6 +56,7 @@ def print_model(
         ),
         *survey.lines_of(survey.survey(mesh), units.length, units.area, units.volume),
         *(("fabric", line) for line in [*_fabric_lines(scene), *_range_lines(model)]),
+        *(("preset", f"{key}: {text}") for key, text in presets),
         *(
             ("support", f"{item.group}: {item.hold or f'normal {list(item.normal or ())}'} held")
             for item in scene.supports

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from taichi_membrane.commands.run_lines import balance_lines, relief_lines, wall_lines
-from taichi_membrane.output.case_tables import case_columns, failed_lines, range_columns, reaction_columns
+from taichi_membrane.output.case_tables import case_columns, failed_lines, range_columns, worst_reaction_columns
 from taichi_membrane.output.tables import (
     Column,
     check_columns,
@@ -133,7 +133,7 @@ def _print_cases(console: Console, result: RunResult) -> None:
     console.print()
     print_table(console, fitting(case_columns(result), console.width))
     print_failed_cases(console, result)
-    for columns in (range_columns(result), reaction_columns(result)):
+    for columns in (range_columns(result), worst_reaction_columns(result)):
         if columns[0].cells:
             console.print()
             print_table(console, columns)

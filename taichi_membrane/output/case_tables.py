@@ -61,7 +61,8 @@ def _changing(result: RunResult) -> list[str]:
 
 def range_columns(result: RunResult) -> list[Column]:
     """The worst cases: least and largest of each quantity over the cases that were reached, but support forces."""
-    found = [one for one in ranges(result) if not one.quantity.startswith("reaction of ")]
+    kept = set(driver_names(result.scene)) - set(_changing(result))
+    found = [one for one in ranges(result) if not one.quantity.startswith("reaction of ") and one.quantity not in kept]
     return [
         Column("quantity", [one.quantity for one in found]),
         Column("least", [_told(one.least, one) for one in found]),
@@ -97,6 +98,29 @@ def reaction_columns(result: RunResult) -> list[Column]:
         Column("case", [name for name, _, _ in rows]),
         Column("support", [group for _, group, _ in rows]),
         *(number_column(name, force, values) for name, values in zip(("x", "y", "z", "size"), parts, strict=True)),
+    ]
+
+
+def worst_reaction_columns(result: RunResult) -> list[Column]:
+    """The largest force of each support over the cases as a vector, and the range of its vertical part."""
+    found = {one.quantity: one for one in ranges(result)}
+    groups = [name.removeprefix("reaction of ").removesuffix(", size") for name in found if name.endswith(", size")]
+    largest = [found[f"reaction of {group}, size"] for group in groups]
+    at = [numbers(result, result.cases[one.largest_case]) for one in largest]
+    parts = [
+        [held[f"reaction of {group}, {axis}"].value for group, held in zip(groups, at, strict=True)] for axis in "xyz"
+    ]
+    upright = [found[f"reaction of {group}, z"] for group in groups]
+    force = result.scene.units.force
+    return [
+        Column("support", groups),
+        number_column("largest", force, [one.largest.value for one in largest]),
+        *(number_column(axis, force, values) for axis, values in zip("xyz", parts, strict=True)),
+        Column("in", [one.largest_case for one in largest]),
+        number_column("least z", force, [one.least.value for one in upright]),
+        Column("in", [one.least_case for one in upright]),
+        number_column("largest z", force, [one.largest.value for one in upright]),
+        Column("in", [one.largest_case for one in upright]),
     ]
 
 

@@ -61,7 +61,7 @@ from taichi_membrane.simulation.utilisation import largest
 HISTORY, SERIES = "history.csv", "steps.pvd"
 
 _OURS = (
-    r"(step_\d{4,}\.(vtu|png)|mesh\.vtu|steps\.pvd|history\.csv|cases\.csv|envelope\.vtu|curve\.png|animation\.gif|"
+    r"(step_\d{4,}\.(vtu|png)|mesh\.vtu|steps\.pvd|history\.csv|cases\.csv|envelope\.(vtu|png)|curve\.png|animation\.gif|"
     r"report\.html)"
 )
 _TEMPORARY = rf"\.({_OURS}|summary\.json)\.\d+\.tmp"

@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from taichi_membrane.output.case_tables import case_columns, range_columns, reaction_columns
+from taichi_membrane.output.case_tables import case_columns, range_columns, reaction_columns, worst_reaction_columns
 from taichi_membrane.output.tables import (
     check_columns,
     estimate_columns,
@@ -81,6 +81,12 @@ def _cases(result: RunResult) -> list[Table]:
     shown = (
         ("cases", "Load cases", case_columns(result), "Numbers are those at the end of each case that was reached."),
         ("worst", "Worst cases", range_columns(result), "Over the ends of the cases that were reached."),
+        (
+            "worst-reactions",
+            "Largest support forces",
+            worst_reaction_columns(result),
+            "Forces of the supports on the membrane, as vectors where they are largest; least and largest vertical part.",
+        ),
         (
             "case-reactions",
             "Support forces of load cases",

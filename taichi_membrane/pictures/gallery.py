@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,14 @@ from taichi_membrane.pictures.camera import Camera as ViewCamera
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
 from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
 from taichi_membrane.scene import Camera, Curve
+from taichi_membrane.simulation.cases import envelope
 from taichi_membrane.simulation.load_marks import load_marks
 from taichi_membrane.simulation.load_state import of_kind
 from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.obstacle_lines import obstacle_lines
 from taichi_membrane.simulation.results import RunResult, StepResult
+
+ENVELOPE = "envelope.png"
 
 
 def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Path]:
@@ -37,9 +41,34 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
     if len(pictures) > 1:
         write_animation(pictures, directory / "animation.gif")
         yield directory / "animation.gif"
+    if draw_envelope(result, camera, directory / ENVELOPE):
+        yield directory / ENVELOPE
     if scene.curve is not None:
         draw_run_curve(result, scene.curve, directory / "curve.png")
         yield directory / "curve.png"
+
+
+def draw_envelope(result: RunResult, camera: Camera, path: Path) -> bool:
+    """Draw the largest utilisation of every element over the load cases, or else the largest resultant, on the shape that the first
+    case starts from; False, and no picture, where no case was reached."""
+    over = envelope(result)
+    if over is None:
+        return False
+    name = "utilisation" if "utilisation" in over.values else "major_resultant"
+    values = np.nan_to_num(over.values[name], nan=0.0)  # undefined of fabrics without a strength
+    start = result.start(over.cases[0])
+    assert start is not None  # a case that was reached has started
+    asked = camera.model_copy(update={"field": name, "directions": False, "loads": False})
+    view, look = _view_of(replace(result, steps=(start,)), asked)
+    frame = _frame(result, start, asked, _box(result))
+    high = float(values.max())
+    frame = replace(
+        frame, scalar=values if result.mesh.order == 1 else quarters.spread(values),
+        scalar_label=fields.named(name).label(result.scene.field_units),
+        subtitle=f"largest of {len(over.cases)} load cases ({', '.join(over.cases)}), on {start.stage} {start.stage_step}",
+    )  # fmt: skip
+    draw_frame(frame, look=replace(look, scalar_range=(0.0, high or 1.0)), camera=view, path=path)
+    return True
 
 
 def draw_last_step(result: RunResult, camera: Camera, path: Path) -> None:

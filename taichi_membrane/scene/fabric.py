@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from taichi_membrane.names import SideStrain, WrinklingLaw
+from taichi_membrane.scene import presets
 from taichi_membrane.scene.base import (
+    AllowedNames,
     Direction,
     Finite,
     Label,
@@ -28,6 +30,11 @@ _GIVEN = {
     "by area": ("E", "E_warp", "E_weft", "G"),
     "by width": ("stiffness", "stiffness_warp", "stiffness_weft", "G_t"),
 }
+
+
+def _nu_may_be_left_out(schema: dict[str, Any]) -> None:
+    """Of the JSON schema of a fabric: a preset may give what is required."""
+    schema.pop("required", None)
 
 
 class Safety(Record):
@@ -51,6 +58,11 @@ class Fabric(Record):
     or else ``mass_per_area`` that of the fabric with its coating.
     """
 
+    model_config = ConfigDict(json_schema_extra=_nu_may_be_left_out)
+
+    preset: Annotated[str, AllowedNames(presets.names)] | None = None
+    """Name of a fabric of ``scene/fabrics.toml`` whose numbers, each with its source, stand where this one gives none. Its
+    strengths count only beside a ``safety``."""
     E: PositiveStress | None = None
     """Young's modulus of an isotropic fabric [force/length²]; leave out for an orthotropic one."""
     E_warp: PositiveStress | None = None
@@ -99,6 +111,11 @@ class Fabric(Record):
     """Where the strengths come from."""
     safety: Safety | None = None
     """What strengths are divided by, and why; a fabric with a strength needs it."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_preset(cls, given: Any) -> Any:
+        return presets.filled(given)
 
     @model_validator(mode="after")
     def _one_mass(self) -> Self:

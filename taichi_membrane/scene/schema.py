@@ -102,7 +102,9 @@ def page() -> str:
         for key, field in model.model_fields.items():
             default = "" if field.is_required() else f"`{_written(field.get_default(call_default_factory=True))}`"
             example = f"`{_written(examples()[model, key])}`" if (model, key) in examples() else ""
-            named = next((one for one in field.metadata if isinstance(one, AllowedNames)), None)
+            named = next(
+                (one for one in _marks((*field.metadata, field.annotation)) if isinstance(one, AllowedNames)), None
+            )
             kind = _kind(field.annotation) if named is None else ", ".join(f"`{name}`" for name in named.names())
             cells = (f"`{key}`", kind, default, meanings(model)[key].replace("``", "`"), example)
             lines.append("| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |")
@@ -134,6 +136,13 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for argument in get_args(annotation):
         yield from _models_in(argument)
+
+
+def _marks(parts: tuple[Any, ...]) -> Iterator[Any]:
+    """What annotations are marked with, however deep."""
+    for part in parts:
+        yield part
+        yield from _marks((*get_args(part), *getattr(part, "__metadata__", ())))
 
 
 def _kind(annotation: Any) -> str:

@@ -12,8 +12,8 @@ and under forces at single nodes errors fall otherwise.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,21 @@ from taichi_membrane.solvers.record import SolveRecord, joined
 
 # Distance of a state from the one carried over, over the size of its displacements, beyond which it is another one.
 _FAR = 0.3
+
+
+@dataclass(frozen=True)
+class _End:
+    """Where a stage or case ended.
+
+    :param coarse: its load state; ``fine`` that on the fine mesh, which has other pressures and amounts of gas.
+    :param step: its end on the fine mesh, where gas has to be carried on from there.
+    :param lost: why there is none.
+    """
+
+    coarse: LoadState
+    fine: LoadState
+    step: StepResult | None = None
+    lost: str = ""
 
 
 class Again:
@@ -57,31 +72,43 @@ class Again:
         )
 
     def _estimates(self, done: Sequence[StepResult], wanted: set[int]) -> Iterator[StepEstimate]:
-        """Those of wanted steps. The gas that a stage shuts in is that of the stage before, on this mesh as well."""
+        """Those of wanted steps. The gas that a stage or case shuts in is that of the stage before, on this mesh as well."""
         scene = self.coarse.scene
-        last = [stage.name for stage in scene.stages].index(done[-1].stage)
-        stages = scene.stages[: last + 1]
-        gas = any(shut_by(scene, stage) for stage in stages)
-        before, here, lost = self.coarse.unloaded, self.fine.model.unloaded, ""
-        for stage in stages:
-            course = Course(here, stage_target(here, stage))
-            own = [step for step in done if step.stage == stage.name]
-            self.equilibrium.shut(stage)
-            for number, step in enumerate(own):
-                asked, carries = step.number in wanted, gas and step is own[-1]
-                if not (asked or carries):
-                    continue
-                share = _share(step, stage, Course(before, stage_target(before, stage)))
-                since = own[number - 1] if number else None
-                found, why = (None, lost) if lost else self._solved(step, stage, course, share, since)
-                if found is None and carries:
-                    lost = lost or f"{step.stage} {step.stage_step}: {why}"
-                if asked:
-                    yield self._of_step(step, found, why)
-                if carries and found is not None:
-                    here = LoadState(found.drivers)
-            before = LoadState(own[-1].drivers)
-            here = here if gas else before
+        ran = [ramp for ramp in scene.ramps if any(step.stage == ramp.name for step in done)]
+        gas = any(shut_by(scene, ramp) for ramp in ran)
+        ends = {"": _End(self.coarse.unloaded, self.fine.model.unloaded)}
+        for ramp in ran:
+            leading = scene.before(ramp)
+            start = ends[leading[-1].name if leading else ""]
+            own = [step for step in done if step.stage == ramp.name]
+            ends[ramp.name] = yield from self._of_ramp(ramp, start, own, wanted, gas)
+
+    def _of_ramp(
+        self, ramp: Stage, start: _End, own: Sequence[StepResult], wanted: set[int], gas: bool
+    ) -> Generator[StepEstimate, None, _End]:
+        """Those of a stage or case; returns its end."""
+        course = Course(start.fine, stage_target(start.fine, ramp))
+        if start.step is not None:
+            self.work.measure.again(start.step)  # a case before may have left the gas elsewhere
+        self.equilibrium.shut(ramp)
+        lost, end = start.lost, None
+        for number, step in enumerate(own):
+            asked, carries = step.number in wanted, gas and step is own[-1]
+            if not (asked or carries):
+                continue
+            share = _share(step, ramp, Course(start.coarse, stage_target(start.coarse, ramp)))
+            since = own[number - 1] if number else None
+            found, why = (None, lost) if lost else self._solved(step, ramp, course, share, since)
+            if found is None and carries:
+                lost = lost or f"{step.stage} {step.stage_step}: {why}"
+            if asked:
+                yield self._of_step(step, found, why)
+            if carries:
+                end = found
+        coarse = LoadState(own[-1].drivers)
+        if not gas:
+            return _End(coarse, coarse)
+        return _End(coarse, start.fine if end is None else LoadState(end.drivers), end, lost)
 
     def _of_step(self, step: StepResult, found: StepResult | None, why: str) -> StepEstimate:
         """The estimates of a load step from its state on the fine mesh."""

@@ -150,27 +150,34 @@ class Present:
     @property
     def warp_resultant(self) -> Floats:
         """(m,) Cauchy stress resultant along the deformed warp: force across a cut square to it, per deformed width."""
-        return self.structure.mean_of_samples(self._along(self.structure.geometry.warp)[0])
+        return self.structure.mean_of_samples(self._across_warp[0])
 
     @property
     def weft_resultant(self) -> Floats:
         """(m,) Cauchy stress resultant along the deformed weft, which shear turns out of square to the warp."""
-        return self.structure.mean_of_samples(self._along(self.structure.geometry.weft)[0])
+        return self.structure.mean_of_samples(self._across_weft[0])
 
     @property
     def shear_resultant(self) -> Floats:
         """(m,) Cauchy shear stress resultant on a cut square to the deformed warp, positive towards the weft."""
-        return self.structure.mean_of_samples(self._along(self.structure.geometry.warp)[1])
+        return self.structure.mean_of_samples(self._across_warp[1])
 
     @property
     def utilisation(self) -> Floats:
         """(m,) largest share of a strength that is used, at any point where strain is sampled; undefined without a strength."""
         assert self.allowed is not None  # the scene names the field only where it has strengths
-        geometry = self.structure.geometry
-        acting = (self._along(geometry.warp)[0], self._along(geometry.weft)[0], self._principal_resultant[0])
+        acting = (self._across_warp[0], self._across_weft[0], self._principal_resultant[0])
         limits = np.repeat(self.allowed, self.structure.samples, axis=0)
         share = (np.stack(acting, axis=1) / limits).max(axis=1).clip(0.0)
         return np.asarray(self._at_points(share).max(axis=1))
+
+    @cached_property
+    def _across_warp(self) -> tuple[Floats, Floats]:
+        return self._along(self.structure.geometry.warp)
+
+    @cached_property
+    def _across_weft(self) -> tuple[Floats, Floats]:
+        return self._along(self.structure.geometry.weft)
 
     def _along(self, rest: Floats) -> tuple[Floats, Floats]:
         """Normal and shear Cauchy resultants of a cut square to the deformed direction of a fabric's direction at rest."""

@@ -68,7 +68,7 @@ def _check(scene: Scene, model: Model) -> None:
     for name, one in {**scene.planes, **scene.obstacles}.items():
         if one.friction:
             raise InputError(f"estimate: with friction ({name}.friction) {told}: it depends on the steps before")
-    for stage in scene.stages:
+    for stage in scene.ramps:
         for name in shut_by(scene, stage):
             if scene.pressures[name].relief is not None:
                 raise InputError(
