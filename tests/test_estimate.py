@@ -21,9 +21,10 @@ from taichi_membrane.execution.run import read_result
 from taichi_membrane.output.tables import estimate_columns, estimate_notes
 from taichi_membrane.page.tables import all_tables
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.accuracy import ProbeEstimate
 from taichi_membrane.simulation.model import build_mesh, build_model
 from taichi_membrane.simulation.refined import refined
-from taichi_membrane.simulation.results import ProbeEstimate, RunResult
+from taichi_membrane.simulation.results import RunResult
 
 pytestmark = pytest.mark.usefixtures("runtime_cpu")
 

@@ -242,6 +242,9 @@ def test_gmres_tells_when_its_products_are_used_up() -> None:
     assert full.enough
     assert np.linalg.norm(matrix @ full.solution - right) < 1e-10 * np.linalg.norm(right)
     assert gmres(lambda x: x, np.zeros(3), tolerance=1e-11, most=1).enough
+    none = gmres(lambda x: 0.0 * x, np.ones(3), tolerance=1e-11, most=3)
+    assert not none.solution.any()
+    assert none.left == 1.0
 
 
 def test_newton_takes_no_step_that_gmres_did_not_finish(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,8 +16,8 @@ from taichi_membrane.execution.run import read_result
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.output.tables import UNRESOLVED, layer_lines
 from taichi_membrane.scene import Scene
+from taichi_membrane.simulation.accuracy import Layer
 from taichi_membrane.simulation.model import build_mesh, build_model, with_scene_groups
-from taichi_membrane.simulation.results import Layer
 from taichi_membrane.simulation.told_layers import told_layers
 
 # r √(p r/(2 E t)) of what follows, with the modulus around the tube.

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from taichi_membrane.arrays import Floats
 
@@ -37,8 +38,8 @@ def gmres(product: Callable[[Floats], Floats], right: Floats, *, tolerance: floa
     if size == 0.0:
         return Found(right, 0.0, 0, True)
     basis: list[Floats] = [right / size]
-    columns: list[Floats] = []
-    share: Floats = np.zeros(0)
+    turns: list[tuple[float, float]] = []
+    triangle, aim = np.zeros((0, 0)), [size]  # of R x = aim, as Givens' turns leave it
     left, enough = size, False
     for k in range(1, min(most, len(right)) + 1):
         vector, column = product(basis[-1]), np.zeros(k + 1)
@@ -46,17 +47,22 @@ def gmres(product: Callable[[Floats], Floats], right: Floats, *, tolerance: floa
             parts = np.array([one @ vector for one in basis])
             column[:k] += parts
             vector = np.asarray(vector - parts @ np.array(basis), dtype=np.float64)
-        column[k] = np.linalg.norm(vector)
-        columns.append(column)
-        hessenberg = np.zeros((k + 1, k))
-        for j, one in enumerate(columns):
-            hessenberg[: len(one), j] = one
-        aim = np.zeros(k + 1)
-        aim[0] = size
-        share = np.asarray(np.linalg.lstsq(hessenberg, aim, rcond=None)[0], dtype=np.float64)
-        left = float(np.linalg.norm(hessenberg @ share - aim))
-        enough = left <= tolerance * size or column[k] <= _EXHAUSTED * size or k == len(right)
+        column[k] = last = float(np.linalg.norm(vector))
+        for j, (cosine, sine) in enumerate(turns):
+            column[j], column[j + 1] = (
+                cosine * column[j] + sine * column[j + 1],
+                cosine * column[j + 1] - sine * column[j],
+            )
+        length = float(np.hypot(column[k - 1], column[k]))
+        turns.append((column[k - 1] / length, column[k] / length) if length else (0.0, 1.0))
+        column[k - 1] = length or 1.0  # of a direction that the product takes to nothing new none is taken
+        triangle = np.pad(triangle, ((0, 1), (0, 1)))
+        triangle[:, k - 1] = column[:k]
+        aim[-1:] = [turns[-1][0] * aim[-1], -turns[-1][1] * aim[-1]]
+        left = abs(aim[k])
+        enough = left <= tolerance * size or last <= _EXHAUSTED * size or k == len(right)
         if enough:
             break
-        basis.append(vector / column[k])
-    return Found(np.asarray(share @ np.array(basis[: len(share)])), left / size, len(columns), enough)
+        basis.append(vector / last)
+    share = solve_triangular(triangle, aim[:-1])
+    return Found(np.asarray(share @ np.array(basis[: len(share)])), left / size, len(share), enough)

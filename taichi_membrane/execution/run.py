@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     from taichi_membrane.mesh import Mesh
     from taichi_membrane.output.reader import SavedRun
     from taichi_membrane.output.writer import Writer
+    from taichi_membrane.simulation.accuracy import Estimate
     from taichi_membrane.simulation.model import Model
     from taichi_membrane.simulation.refined import Refined
-    from taichi_membrane.simulation.results import Estimate, ProbeFunction, RunResult, Settings, StepResult
+    from taichi_membrane.simulation.results import ProbeFunction, RunResult, Settings, StepResult
     from taichi_membrane.simulation.solver_choice import SolverChoice
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from taichi_membrane.simulation.results import Estimate, Layer, LayerSide, ProbeEstimate, StepEstimate
+from taichi_membrane.simulation.accuracy import Estimate, Layer, LayerSide, ProbeEstimate, StepEstimate
 
 
 def layer_record(layer: Layer) -> dict[str, Any]:

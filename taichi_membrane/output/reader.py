@@ -30,9 +30,10 @@ from taichi_membrane.names import Outcome
 from taichi_membrane.output.accuracy import estimate_of, layer_of
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
+from taichi_membrane.simulation.accuracy import Estimate, Layer
 from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.policy import Passage
-from taichi_membrane.simulation.results import Estimate, Floats, Layer, ModeResult, Settings, StepResult
+from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
 from taichi_membrane.simulation.state import PathState, State
 
 FORMAT, FORMAT_VERSION = "taichi_membrane run", 9

@@ -9,8 +9,9 @@ from itertools import groupby
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_label, driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
+from taichi_membrane.simulation.accuracy import COARSEST, Estimate, Layer, LayerSide
 from taichi_membrane.simulation.policy import told
-from taichi_membrane.simulation.results import COARSEST, CheckResult, Estimate, Layer, LayerSide, StepResult
+from taichi_membrane.simulation.results import CheckResult, StepResult
 
 _ROUND_OFF = 1e-12  # a table shows as 0 what is smaller than this share of its column's largest value
 

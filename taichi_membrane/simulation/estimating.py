@@ -22,12 +22,13 @@ from taichi_membrane.arrays import Floats
 from taichi_membrane.names import TAUT, EstimatedSteps
 from taichi_membrane.scene import Stage
 from taichi_membrane.scene.drivers import shut_by
+from taichi_membrane.simulation.accuracy import Estimate, ProbeEstimate, StepEstimate
 from taichi_membrane.simulation.analysis import Analysis, ProgressCallback, reporting
 from taichi_membrane.simulation.equilibrium import Report
 from taichi_membrane.simulation.load_state import Course, LoadState, stage_target
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.refined import Refined
-from taichi_membrane.simulation.results import Estimate, ProbeEstimate, StepEstimate, StepResult
+from taichi_membrane.simulation.results import StepResult
 from taichi_membrane.solvers.record import SolveRecord, joined
 
 # Distance of a state from the one carried over, over the size of its displacements, beyond which it is another one.

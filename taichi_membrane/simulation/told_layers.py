@@ -21,10 +21,11 @@ from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mesh import Mesh, surface_lines
 from taichi_membrane.mesh.surface_lines import LineSide, Marks, SurfaceLine
 from taichi_membrane.scene import Load
+from taichi_membrane.simulation.accuracy import Layer, LayerSide
 from taichi_membrane.simulation.load_state import stage_targets
 from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.model import Model
-from taichi_membrane.simulation.results import Layer, LayerSide, StepResult
+from taichi_membrane.simulation.results import StepResult
 
 # Share of a unit vector along the wall's normal, at half of a line's nodes, from which a support or a load bends the wall.
 _ACROSS = 0.3

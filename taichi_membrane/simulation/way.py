@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane.mechanics.preparation import Floats
+from taichi_membrane.mechanics.rim import symmetric
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.policy import Policy
 from taichi_membrane.solvers.in_contact import held_now
@@ -289,7 +290,8 @@ class Way:
         self.system.set_displacement(self.system.retract(a.position, step))
         self.press(0.5 * (a.share + b.share) + 0.125 * whole * (a.stiffness - b.stiffness))
         factor, left = self.newton.factorised(indefinite=True), self.newton.free_force()
-        stable = factor is not None and factor.negative == 0
+        # Without a potential the symmetric part is asked: eigenvalues of what is no equilibrium are not worth their cost.
+        stable = factor is not None and symmetric(factor).negative == 0
         off = np.inf if factor is None else abs(float(np.vdot(0.5 * (a.force + b.force), factor.solve(left))))
         self.system.set_displacement(position)
         self.press(b.share)
