@@ -131,7 +131,8 @@ def test_newton_and_relaxation_find_the_same_state() -> None:
         assert result.converged
         tips.append(result.steps[-1].probes["tip"])
         methods.append(result.steps[-1].solver)
-    assert methods == ["newton", "relaxation", "newton"]  # a step Newton handles costs no relaxation
+    assert methods[1] == "relaxation"
+    assert "relaxation" not in methods[0] + methods[2]  # a step Newton handles costs none
     assert result.steps[-1].elements.count()["wrinkled"] > 0
     assert tips[0] == pytest.approx(tips[1], rel=1e-6)
     assert tips[2] == tips[0]

@@ -107,7 +107,7 @@ def test_a_later_override_wins_and_a_line_break_smuggles_nothing_in(path: Path) 
 @pytest.mark.parametrize(
     ("override", "expected"),
     [
-        ("fabric.thicknes=1", "fabric.thicknes: unknown key; did you mean 'thickness'? allowed: E, E_warp, "),
+        ("fabric.thicknes=1", "fabric.thicknes: unknown key; did you mean 'thickness'? allowed: preset, E, "),
         ("mesh.shape=tueb", "mesh.shape: 'tueb' is unknown; did you mean 'tube'? allowed: tube, arch, cushion, panel,"),
         ("mesh={width=1}", "mesh.shape: missing; allowed: tube, arch, cushion, panel, sphere, disc, annulus, wedge, arch_tent,"),
         ("mesh.width=-3", "mesh.width: -3 must be above 0"),
