@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from run_files import a_run, a_step, same
+from stretched import out, pulled
 
 import taichi_membrane as tm
 from taichi_membrane import fields
@@ -28,22 +29,16 @@ E, NU, THICKNESS, WIDTH, HEIGHT = 1e3, 0.3, 0.5, 3.0, 2.0
 
 def sheet(stretch: tuple[float, float], **changes: Any) -> Scene:
     """A sheet stretched along x and y by motions of two of its edges: the same strain in every element."""
+    base = pulled(WIDTH, HEIGHT)
     return Scene.model_validate(
-        {
+        base
+        | {
             "name": "sheet",
             "units": {"length": "mm", "force": "N"},
-            "mesh": {"shape": "panel", "width": WIDTH, "height": HEIGHT, "along_x": 3, "along_y": 2},
+            "mesh": base["mesh"] | {"along_x": 3, "along_y": 2},
             "fabric": {"E": E, "nu": NU, "thickness": THICKNESS},
-            "supports": [
-                {"group": "x_min", "hold": "x"}, {"group": "y_min", "hold": "y"}, {"group": "all", "hold": "z"},
-            ],
-            "motions": {
-                "wide": {"kind": "translation", "group": "x_max", "direction": [1, 0, 0], "hold": "x"},
-                "high": {"kind": "translation", "group": "y_max", "direction": [0, 1, 0], "hold": "y"},
-            },
-            "pressures": {},
             "stages": [
-                {"name": "pull", "motions": {"wide": (stretch[0] - 1) * WIDTH, "high": (stretch[1] - 1) * HEIGHT}},
+                {"name": "pull", "motions": out(WIDTH, HEIGHT, stretch)},
             ],
             "probes": {
                 "pull": {"kind": "reaction", "group": "x_min", "component": "x"},

@@ -48,6 +48,17 @@ def error_of_one_step(big: tuple[float, float], small: tuple[float, float]) -> f
     return float((0.5 * (1.0 / first + 1.0 / last) - 1.0 / way) / max(1.0 / first, 1.0 / last))
 
 
+def assert_collapsed(result: RunResult, load: str, limit: float) -> None:
+    """Collapse is told at the limit of a tent, to a ten-thousandth."""
+    assert result.outcome == "collapse"
+    found = result.steps[-1].limit
+    assert found is not None
+    lower, upper = found[f"load.{load}"]
+    assert lower <= limit + 1e-4
+    assert upper >= limit - 1e-4
+    assert upper - lower < 2e-3
+
+
 @pytest.mark.parametrize(("rise", "seen"), [(0.0008, False), (0.0015, True)])
 def test_a_snap_is_seen_from_a_twentieth_of_the_stiffness_on(rise: float, seen: bool) -> None:
     """A small tent snaps through beside a big one; alone it is a collapse at half the load, beside it soon a mere wrinkle."""
@@ -83,43 +94,28 @@ def test_a_snap_within_a_curved_step_is_not_foreseen(rise: float) -> None:
     """A small tent snaps through at 0.53 N beside a big one whose λ(P) is curved: a twentieth of ΔP, and more."""
     both = Parts().tent("big", 1.0, 1.0).tent("small", 0.53, rise, at=(30.0, 0.0, 0.0))
     result = both.run(loads(big=borne(3.0), small=0.0) | {"steps": 8}, loads(big=0.9, small=1.0))
-    assert result.outcome == "collapse"
-    limit = result.steps[-1].limit
-    assert limit is not None
-    assert limit["load.small"][0] <= 0.53 + 1e-4
-    assert limit["load.small"][1] >= 0.53 - 1e-4
+    assert_collapsed(result, "small", 0.53)
 
 
 def test_parts_that_cancel_are_looked_at_halfway() -> None:
     """A small tent snaps through and stiffens as a big one softens: ends and secant agree to 0.013, and 0.4 of ΔP is a jump."""
     both = Parts().tent("big", 1.0, 1.0).tent("small", 0.05, 0.238, at=(30.0, 0.0, 0.0))
     result = both.run(loads(big=0.95, small=1.0))
-    assert result.outcome == "collapse"
-    limit = result.steps[-1].limit
-    assert limit is not None
-    assert limit["load.small"][0] <= 0.05 <= limit["load.small"][1]
+    assert_collapsed(result, "small", 0.05)
 
 
 def test_ends_of_unequal_stiffness_are_looked_at_halfway() -> None:
     """A small tent snaps through beside a big one that softens to a third: a jump of 0.078 of ΔP behind e's twentieth."""
     both = Parts().tent("big", 1.0, 1.0).tent("small", 0.25, 0.292, at=(30.0, 0.0, 0.0))
     result = both.run(loads(big=borne(2.0), small=0.0) | {"steps": 8}, loads(big=0.9, small=1.0) | {"steps": 2})
-    assert result.outcome == "collapse"
-    limit = result.steps[-1].limit
-    assert limit is not None
-    assert limit["load.small"][0] <= 0.25 + 1e-4
-    assert limit["load.small"][1] >= 0.25 - 1e-4
+    assert_collapsed(result, "small", 0.25)
 
 
 def test_no_branch_is_a_state_far_beyond_a_limit() -> None:
     """Where the load of all falls as the small tent snaps it is no branch: what lies just above is far away for its stiffness."""
     both = Parts().tent("big", 1.0, 1.0).tent("small", 0.53, 1.88, at=(30.0, 0.0, 0.0))
     result = both.run(loads(big=borne(2.0), small=0.0) | {"steps": 8}, loads(big=0.9, small=1.0))
-    assert result.outcome == "collapse"
-    limit = result.steps[-1].limit
-    assert limit is not None
-    assert limit["load.small"][0] <= 0.53 + 1e-4
-    assert limit["load.small"][1] >= 0.53 - 1e-4
+    assert_collapsed(result, "small", 0.53)
 
 
 def test_a_cubic_that_snaps_through_is_not_foreseen() -> None:

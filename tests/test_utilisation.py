@@ -12,6 +12,7 @@ import pytest
 from pydantic import ValidationError
 from rich.console import Console
 from run_files import a_step
+from stretched import out, pulled
 
 import taichi_membrane as tm
 from taichi_membrane.commands import printing
@@ -41,11 +42,13 @@ FOIL = {
 
 def sheet(fabric: dict[str, Any] = STRONG, **changes: Any) -> Scene:
     """A sheet of several fabrics of one stiffness, stretched alike everywhere: bare on its right end, a foil beside it."""
+    base = pulled(WIDTH, HEIGHT)
     return Scene.model_validate(
-        {
+        base
+        | {
             "name": "sheet",
             "units": {"length": "m", "force": "kN"},
-            "mesh": {"shape": "panel", "width": WIDTH, "height": HEIGHT, "along_x": 6, "along_y": 2},
+            "mesh": base["mesh"] | {"along_x": 6, "along_y": 2},
             "groups": {
                 "bare": {"kind": "elements", "where": "x > 2"},
                 "foil": {"kind": "elements", "where": "x > 1 and x < 2"},
@@ -53,18 +56,10 @@ def sheet(fabric: dict[str, Any] = STRONG, **changes: Any) -> Scene:
             },
             "fabric": fabric,
             "fabrics": {"bare": BARE, "foil": FOIL},
-            "supports": [
-                {"group": "x_min", "hold": "x"}, {"group": "y_min", "hold": "y"}, {"group": "all", "hold": "z"},
-            ],
-            "motions": {
-                "wide": {"kind": "translation", "group": "x_max", "direction": [1, 0, 0], "hold": "x"},
-                "high": {"kind": "translation", "group": "y_max", "direction": [0, 1, 0], "hold": "y"},
-            },
-            "pressures": {},
             "stages": [
                 {
                     "name": "pull", "effect_factor": 1.5,
-                    "motions": {"wide": (STRETCH[0] - 1) * WIDTH, "high": (STRETCH[1] - 1) * HEIGHT},
+                    "motions": out(WIDTH, HEIGHT, STRETCH),
                 },
                 {"name": "rest"},
             ],

@@ -311,9 +311,11 @@ class Way:
         return float(np.abs(np.einsum("ni,ni->n", 0.5 * (a.force + b.force), off)).sum()) / abs(work)
 
     def near(self, a: Rest, b: Rest) -> bool:
-        """Whether ``b``, on a path that branches off above ``a``, is no further from it than twice what its stiffness tells."""
-        assert b.stiffness is not None
-        return 2.0 * (b.share - a.share) >= b.stiffness * self._load_displacement(a, b)
+        """Whether ``b``, on a path that branches off above ``a``, is no further from it than twice what its stiffness tells.
+
+        So no jump hides that is longer than the regular way itself. True where a load that moves nothing has no stiffness.
+        """
+        return b.stiffness is None or 2.0 * (b.share - a.share) >= b.stiffness * self._load_displacement(a, b)
 
     def _load_displacement(self, a: Rest, b: Rest) -> float:
         """ΔP = ∫ f · du along the chord, by Simpson's rule.
