@@ -69,18 +69,7 @@ class Measure:
         :param started: when the step began, by :func:`time.perf_counter`.
         :param limit: bounds of the loads at which the structure collapses, where the step found that it does.
         """
-        state = course.at(share)
-        self.equilibrium.apply(state)
-        state = self.equilibrium.settled(state)
-        relieved = self.equilibrium.filling.accept() if record.converged else {}
-        displacement = self.system.displacement()
-        # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
-        # from the same split whether it follows at once or after a resume.
-        self.system.set_displacement(displacement)
-        if record.converged:
-            self.equilibrium.contact.accept()
-        else:
-            self.equilibrium.contact.begin()  # those of the equilibrium that is kept
+        state, displacement, relieved = self._settled(course.at(share), record)
         contact, pushes = self._contact(), self._pushes()
         present = self._present(displacement, contact, pushes, stage)
         values = present.fields(self.model.scene.extra_fields)
@@ -113,13 +102,7 @@ class Measure:
             derivatives=at_rest.derivatives,
             modes=at_rest.modes,
             unknown=self._unknown(stage, at_rest, converged=record.converged, limited=limit is not None),
-            state=State(
-                displacement=displacement,
-                drivers=state.values,
-                let_out=dict(self.equilibrium.filling.let_out),
-                friction=self.equilibrium.contact.history,
-                touched=None if self.equilibrium.contact.walls is None else self.equilibrium.contact.walls.kept,
-            ),
+            state=self._handed_on(state, displacement),
             seconds=time.perf_counter() - started,
             contact_forces={name: float(np.linalg.norm(one, axis=1).sum()) for name, one in contact.items()},
             balance=dict(balance.resultants),
@@ -128,6 +111,32 @@ class Measure:
             relieved=relieved,
         )
         return probes.with_own(self.model, step)
+
+    def _settled(self, state: LoadState, record: SolveRecord) -> tuple[LoadState, Floats, dict[str, float]]:
+        """The load state and displacements that the step has come to, and what relief valves let out; accepted where converged."""
+        self.equilibrium.apply(state)
+        state = self.equilibrium.settled(state)
+        relieved = self.equilibrium.filling.accept() if record.converged else {}
+        displacement = self.system.displacement()
+        # Single precision holds a displacement in two parts, and their sum can be split in more than one way: the next step starts
+        # from the same split whether it follows at once or after a resume.
+        self.system.set_displacement(displacement)
+        if record.converged:
+            self.equilibrium.contact.accept()
+        else:
+            self.equilibrium.contact.begin()  # those of the equilibrium that is kept
+        return state, displacement, relieved
+
+    def _handed_on(self, state: LoadState, displacement: Floats) -> State:
+        """What the next step begins with."""
+        contact = self.equilibrium.contact
+        return State(
+            displacement=displacement,
+            drivers=state.values,
+            let_out=dict(self.equilibrium.filling.let_out),
+            friction=contact.history,
+            touched=None if contact.walls is None else contact.walls.kept,
+        )
 
     def _present(
         self, displacement: Floats, contact: dict[str, Floats], pushes: dict[str, Floats], stage: Stage
