@@ -350,13 +350,14 @@ class LoadStep:
 
     def _collapsed(self, end: PathEnd) -> Reached:
         """At the last stable point below a limit."""
+        assert end.lower is not None
         assert end.upper is not None
         self.system.set_displacement(end.last.position)
         self.way.press(end.last.factor)
         return Reached(
             joined(*self.records, end.record(again=True)),
             end.last.factor,
-            (end.last.factor, end.upper),
+            (end.lower, end.upper),
             trace=tuple(self.trace),
         )
 

@@ -65,11 +65,13 @@ class Policy:
         verdict runs missed a limit; a sixth fewer iterations. λ ~ P³, the way a flat sheet stiffens, has |e| = 1/6 from its start
         and is cut once or twice; a collapse has ½ … 1: its verdict does not hang on it. A part that is only curved is not cut where
         a look halfway, which costs a factorisation, finds the structure stable and as both ends foretell (:meth:`.Way.foreseen`).
-    :param parted: the largest share of ΔP that parts of the structure take otherwise than its ends' tangents foretell, beyond
-        which ends that compare well are looked at halfway too: e sums over the structure, and a part that snaps and stiffens can
-        cancel another one that softens. A jump J of a part that had the share q of the tangents leaves 2 (1 − q) J/ΔP. Nodes of a
-        wrinkled skin under pressure leave a tenth and more though nothing snaps: at ``resolution`` a beam of falling pressure took
-        seven times the iterations.
+        Parts of the structure are held to the same: what nodes take of ΔP otherwise than their ends' tangents foretell, added up
+        without signs, is looked at halfway above it, for e is a sum, in which a part that snaps and stiffens can cancel one that
+        softens. A jump J of a part that had the share q of the tangents leaves 2 (1 − q) J/ΔP.
+    :param shifted: largest share of ΔP that goes to other parts at one end than at the other, beyond which ends that compare well
+        are looked at halfway too. A part just below its limit is soft, and its tangent foretells a jump of its own size J ≈ ½ q ΔP
+        as if it were a smooth way; beyond it q is gone. So a jump of a twentieth is looked for. Twice and half of it find the same
+        of 300 tents side by side.
     :param nearer: ``resolution`` between points of a path, which cost less than ends of load control and is where limits are. At
         0.05 a beam with its valve shut, followed in one step, passed a limit 3 % below the one it told.
     :param soft: share of the stiffest s met on the same course below which load control is not tried: Newton's steps grow as 1/s,
@@ -77,10 +79,9 @@ class Policy:
     :param parts: halvings of a step; what is still curved at 2⁻¹⁰ of it is a kink, which no finer cut makes smooth.
     :param shortest: smallest arc length over the first one. A thousandth of the way is the width a limit is bracketed to; its
         size is a matter of cost.
-    :param softening: ends of load control whose s differ by more than this share are looked at halfway though they compare well,
-        and a step of the path over which s changes by more is looked for nearer, unless it rises by less than ``shortest`` of the
-        way: e is measured by the stiffer end, and a jump hidden in it is a nineteenth of it at ends of equal stiffness only.
-        Without, of a scattered mesh one run in four left the path, and its limit came out 9·10⁻³ too high.
+    :param softening: a step of the path over which s changes by more than this share is looked for nearer, unless it rises by less
+        than ``shortest`` of the way: e is measured by the stiffer end, and a jump hidden in it is a nineteenth of it at ends of
+        equal stiffness only. Without, of a scattered mesh one run in four left the path, and its limit came out 9·10⁻³ too high.
     :param balance: residual over tolerance up to which a start counts as an equilibrium. Between the two stand the changes that a
         pressure's rounding or a shut valve bring; starts that are none, such as prestress let go, are off by 1e4 and more.
     :param above: share of the load above a point of bifurcation up to which a branch is looked for: ten times the width it is
@@ -94,7 +95,7 @@ class Policy:
 
     resolution: float = 0.05
     nearer: float = 0.02
-    parted: float = 0.25
+    shifted: float = 0.1
     soft: float = 0.1
     parts: int = 10
     shortest: float = 1e-3

@@ -74,12 +74,14 @@ class Comparison:
     :param noise: how much of the share residuals come to: what the two are not known better than.
     :param spread: share of the load displacement that parts of the structure take otherwise than both tangents foretell, of ends
         that are ``consistent``.
+    :param shift: share of it that goes to other parts at the second end than at the first, likewise.
     """
 
     kind: Kind
     slack: float = 0.0
     noise: float = 0.0
     spread: float = 0.0
+    shift: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +246,7 @@ class Way:
     def told(self, a: Rest, b: Rest, policy: Policy) -> Kind:
         """How two ends of a part of the way compare; where that can't tell whether it is smooth, halfway between them may."""
         found = self.compare(a, b, policy.resolution)
-        doubtful = found.spread > policy.parted or not a.alike(b, policy.softening)
+        doubtful = found.spread > policy.resolution or found.shift > policy.shifted
         if found.kind != "curved" and not (found.kind == "consistent" and doubtful and self.looks):
             return found.kind
         return "consistent" if self.foreseen(a, b, policy.resolution) else "curved"
@@ -264,7 +266,7 @@ class Way:
         noise = a.noise + b.noise
         slack = abs(deviation * work)
         if slack <= resolution * largest * abs(work) + noise:
-            return Comparison("consistent", slack, noise, self._spread(a, b, work))
+            return Comparison("consistent", slack, noise, self._spread(a, b, work), self._shift(a, b))
         return Comparison("jump" if secant < min(a.stiffness, b.stiffness) else "curved", slack, noise)
 
     def foreseen(self, a: Rest, b: Rest, resolution: float) -> bool:
@@ -309,6 +311,15 @@ class Way:
         step = self.system.difference(a.position, b.position)
         off = step - 0.5 * work * (a.stiffness * a.tangent + b.stiffness * b.tangent)
         return float(np.abs(np.einsum("ni,ni->n", 0.5 * (a.force + b.force), off)).sum()) / abs(work)
+
+    def _shift(self, a: Rest, b: Rest) -> float:
+        """½ Σ |f · (s_a t_a − s_b t_b)|, node by node: each of the two sums to 1 without the sizes."""
+        assert a.stiffness is not None
+        assert b.stiffness is not None
+        assert a.tangent is not None
+        assert b.tangent is not None
+        off = a.stiffness * a.tangent - b.stiffness * b.tangent
+        return 0.5 * float(np.abs(np.einsum("ni,ni->n", 0.5 * (a.force + b.force), off)).sum())
 
     def near(self, a: Rest, b: Rest) -> bool:
         """Whether ``b``, on a path that branches off above ``a``, is no further from it than twice what its stiffness tells.

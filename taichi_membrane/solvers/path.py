@@ -229,14 +229,15 @@ class PathEnd:
         while the load still rises); ``lost`` (no further equilibrium was found).
     :param last: the last stable point below the target.
     :param beyond: the point after it: above the target, or past the limit; None where lost.
-    :param upper: an upper bound of the largest stable load factor, to what residuals leave open, if the path is concave between
-        the two; None where there is no limit.
+    :param lower: a lower bound of the largest stable load factor, to what residuals leave open.
+    :param upper: an upper bound of it, likewise, if the path is concave between the two; None where there is no limit.
     """
 
     reason: str
     last: PathPoint
     beyond: PathPoint | None
     iterations: int
+    lower: float | None = None
     upper: float | None = None
 
     def record(self, *, again: bool = False) -> SolveRecord:
@@ -312,7 +313,7 @@ def follow(
             falling = point.slope() < 0.0 or point.factor < last.factor
             reason = "limit" if falling else "bifurcation"
             top = max(upper, highest) + noise
-            return PathEnd(reason, last, point, iterations=spent, upper=top)
+            return PathEnd(reason, last, point, iterations=spent, lower=last.factor - noise, upper=top)
         if moved <= _VANISHING * least:
             break
         if upper is not None and narrow:
