@@ -15,7 +15,7 @@ from taichi_membrane.output.tables import step_words
 from taichi_membrane.pictures import quarters
 from taichi_membrane.pictures.camera import Camera as ViewCamera
 from taichi_membrane.pictures.plots import Mark, ReferenceLine, Series, draw_curve
-from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, write_animation
+from taichi_membrane.pictures.render import Frame, Look, draw_frame, fit_camera, undeformed_outline, write_animation
 from taichi_membrane.scene import Camera, Curve
 from taichi_membrane.simulation.cases import envelope
 from taichi_membrane.simulation.load_marks import load_marks
@@ -31,10 +31,12 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
     """Draw every step, then the animation and the curve; yields each file as it is in place."""
     scene, steps = result.scene, result.steps
     view, look = _view_of(result, camera)
-    pictures, box = [], _box(result)
+    pictures, box, outline = [], _box(result), None
     for step in steps:
-        path = directory / f"step_{step.number:04d}.png"
-        draw_frame(_frame(result, step, camera, box), look=look, camera=view, path=path)
+        path, frame = directory / f"step_{step.number:04d}.png", _frame(result, step, camera, box)
+        if outline is None:
+            outline = undeformed_outline(frame, look=look, camera=view)
+        draw_frame(frame, look=look, camera=view, path=path, outline=outline)
         pictures.append(path)
         yield path
     pictures = pictures[: len(result.stage_steps)]  # cases do not follow one another

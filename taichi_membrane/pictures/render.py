@@ -6,6 +6,7 @@ compared with zero sample by sample, so that borders are as smooth as the soluti
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -27,7 +28,7 @@ from taichi_membrane.pictures.obstacles import draw_obstacles
 from taichi_membrane.pictures.symbols import draw_loads, draw_supports
 from taichi_membrane.pictures.wrinkle_lines import wrinkle_lines
 
-__all__ = ["Camera", "Frame", "Look", "draw_frame", "fit_camera", "write_animation"]
+__all__ = ["Camera", "Frame", "Look", "draw_frame", "fit_camera", "undeformed_outline", "write_animation"]
 
 Floats = NDArray[np.float64]
 
@@ -90,17 +91,21 @@ class Look:
     cable_range: tuple[float, float] | None = None
 
 
-def draw_frame(frame: Frame, *, look: Look, camera: Camera, path: Path) -> None:
+def draw_frame(
+    frame: Frame, *, look: Look, camera: Camera, path: Path, outline: Sequence[Floats] | None = None
+) -> None:
     """Draw one picture and write it as PNG, atomically.
 
     :param camera: fitted to all frames of the run; it also sets projection and size.
+    :param outline: of the undeformed shape, by :func:`undeformed_outline`; found here when None.
     :raises ValueError: arrays whose shapes do not fit, node numbers out of range, values that are not finite.
     """
     _check(frame, look)
     target = raster.raster_of_size(*camera.size)
     screen = camera.project(frame.points)
     scale = _DepthScale.of(screen, camera)
-    outline = _outline(frame, camera, target) if look.show_outline else []
+    if outline is None:
+        outline = undeformed_outline(frame, look=look, camera=camera)
     bar, level = _scalar_levels(frame, look)
     shares = _area_shares(frame)
     surface = _surface(frame, camera, scale.samples(screen), level)
@@ -295,8 +300,14 @@ def _paint(look: Look, shares: tuple[float, float, float], scale: _DepthScale, c
     )
 
 
-def _outline(frame: Frame, camera: Camera, target: raster.Raster) -> list[Floats]:
-    """Contours of the undeformed shape as seen, polylines (k, 2) in pixels."""
+def undeformed_outline(frame: Frame, *, look: Look, camera: Camera) -> list[Floats]:
+    """Contours of the undeformed shape as seen, polylines (k, 2) in pixels; none where they are not shown.
+
+    They are the same in all frames of a run, and take as long to find as the surface that a frame shows.
+    """
+    if not look.show_outline:
+        return []
+    target = raster.raster_of_size(*camera.size)
     screen = camera.project(frame.reference)
     samples = _DepthScale.of(screen, camera).samples(screen)
     count = target.cover(samples, np.ascontiguousarray(frame.triangles, np.int32))
@@ -306,7 +317,7 @@ def _outline(frame: Frame, camera: Camera, target: raster.Raster) -> list[Floats
 
 
 def _draw_over_surface(
-    page: Page, frame: Frame, look: Look, pixels: raster.Pixels, scale: _DepthScale, screen: Floats, outline: list[Floats],
+    page: Page, frame: Frame, look: Look, pixels: raster.Pixels, scale: _DepthScale, screen: Floats, outline: Sequence[Floats],
     forces: ColourBar | None,
 ) -> None:  # fmt: skip
     if outline:
