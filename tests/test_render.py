@@ -279,7 +279,9 @@ def test_label_of_loads_hits_neither_arrows_nor_other_text(count: int) -> None:
 def test_outline_of_the_undeformed_shape_lies_on_its_silhouette() -> None:
     frame = frame_of(*sphere_mesh(64))
     camera = camera_on(frame)
-    lines = render._outline(frame, camera, raster.raster_of_size(*SIZE))
+    look = Look(size=SIZE, show_outline=True)
+    lines = render.undeformed_outline(frame, look=look, camera=camera)
+    assert not render.undeformed_outline(frame, look=replace(look, show_outline=False), camera=camera)
     assert len(lines) == 1
     distance = np.hypot(*(lines[0] - camera.principal).T)
     assert distance == pytest.approx(np.full(len(distance), camera.pixels_per_radius), abs=1.0)  # half-covered pixels

@@ -37,16 +37,17 @@ def gmres(product: Callable[[Floats], Floats], right: Floats, *, tolerance: floa
     size = float(np.linalg.norm(right))
     if size == 0.0:
         return Found(right, 0.0, 0, True)
-    basis: list[Floats] = [right / size]
+    basis = np.zeros((8, len(right)))  # grows
+    basis[0] = right / size
     turns: list[tuple[float, float]] = []
     triangle, aim = np.zeros((0, 0)), [size]  # of R x = aim, as Givens' turns leave it
     left, enough = size, False
     for k in range(1, min(most, len(right)) + 1):
-        vector, column = product(basis[-1]), np.zeros(k + 1)
+        vector, column = product(basis[k - 1]), np.zeros(k + 1)
         for _ in range(2):  # once leaves round-off, twice is enough
-            parts = np.array([one @ vector for one in basis])
+            parts = basis[:k] @ vector
             column[:k] += parts
-            vector = np.asarray(vector - parts @ np.array(basis), dtype=np.float64)
+            vector = vector - parts @ basis[:k]
         column[k] = last = float(np.linalg.norm(vector))
         for j, (cosine, sine) in enumerate(turns):
             column[j], column[j + 1] = (
@@ -63,6 +64,8 @@ def gmres(product: Callable[[Floats], Floats], right: Floats, *, tolerance: floa
         enough = left <= tolerance * size or last <= _EXHAUSTED * size or k == len(right)
         if enough:
             break
-        basis.append(vector / last)
+        if k == len(basis):
+            basis = np.concatenate([basis, np.zeros_like(basis)])
+        basis[k] = vector / last
     share = solve_triangular(triangle, aim[:-1])
-    return Found(np.asarray(share @ np.array(basis[: len(share)])), left / size, len(share), enough)
+    return Found(share @ basis[: len(share)], left / size, len(share), enough)

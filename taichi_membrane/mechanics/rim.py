@@ -46,7 +46,7 @@ _IN_PLANE = 1e-9
 # Pressures that cancel to this share of the largest one leave a skew part below the tangent's own round-off.
 _EQUAL = 1e-14
 # Residual of the linear solves, well below what derivatives are asked for; the iterations it may take (23 were seen at most).
-_TOLERANCE, _MOST = 1e-11, 400
+_TOLERANCE, _MOST = 1e-9, 400
 # Eigenvalues of K near zero that are looked at beyond twice those S has below zero; all of so many freedoms.
 _NEIGHBOURS, _DENSE = 4, 30
 _FLUTTER = "flutter, which masses and damping decide, is not looked for"
