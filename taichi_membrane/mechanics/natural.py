@@ -17,6 +17,7 @@ from taichi_membrane.mechanics.preparation import FabricConstants
 from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.strain_offset import StrainOffset
 from taichi_membrane.mechanics.structure import Structure, variant_of
+from taichi_membrane.mechanics.vectors import outer, product, times, transposed_product, transposed_times
 from taichi_membrane.names import TAUT
 
 _BOUNDS = ("count", "block_length", "blocks")
@@ -137,7 +138,7 @@ class NaturalTriangles:
             extension[a], length[a], factor[a] = element.side_extension(
                 rest[a, :], stretch[a, :], rest_length[a], variant.green
             )
-        strain = self.tri_strain_matrix[s] @ extension
+        strain = times(self.tri_strain_matrix[s], extension)
         if ti.static(self.offset.used):
             strain += self.offset.of(t, k)
         return strain, length, factor
@@ -147,7 +148,7 @@ class NaturalTriangles:
         """Side forces T = V Gᵀ σ (eq. 12), present side lengths and force-density factors at point ``s`` of triangle ``t``."""
         strain, length, factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
         stress, _, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
-        return self.tri_volume[s] * (self.tri_strain_matrix[s].transpose() @ stress), length, factor
+        return self.tri_volume[s] * transposed_times(self.tri_strain_matrix[s], stress), length, factor
 
     @ti.func
     def force_densities(self, t, s, k, rest, stretch):
@@ -169,7 +170,7 @@ class NaturalTriangles:
         bound = 0.0 * rest_length
         for a in ti.static(range(3)):
             column = fabric.elastic_stress(ti.Vector([matrix[0, a], matrix[1, a], matrix[2, a]]), f)
-            row_sum = self.tri_volume[s] * ti.abs(matrix.transpose() @ column).sum()
+            row_sum = self.tri_volume[s] * ti.abs(transposed_times(matrix, column)).sum()
             bound[a] = element.side_stiffness_bound(
                 row_sum, side_force[a], length[a], rest_length[a], pressure, variant.green
             )
@@ -198,9 +199,9 @@ class NaturalTriangles:
         stress, _, _ = fabric.response(strain, constants, variant.law, variant.orthotropic)
         matrix = self.tri_strain_matrix[s]
         volume = self.tri_volume[s]
-        side_force = volume * (matrix.transpose() @ stress)
+        side_force = volume * transposed_times(matrix, stress)
         material = fabric.tangent(strain, constants, variant.law, variant.orthotropic)
-        natural = volume * (matrix.transpose() @ material @ matrix)
+        natural = volume * product(transposed_product(matrix, material), matrix)
         sides = rest + stretch
         gradient = ti.Matrix.zero(self.fp, 3, 3)
         for a in ti.static(range(3)):
@@ -209,25 +210,38 @@ class NaturalTriangles:
         return natural, side_force, gradient, length, factor
 
     @ti.func
-    def corner_block(
-        self, first: ti.template(), second: ti.template(), natural, side_force, gradient, sides, length, factor,
-        variant: ti.template(),
-    ):  # fmt: skip
-        """What couples corners ``first`` (rows) and ``second`` of the triangle that the sides at a point make."""
+    def corner_parts(self, natural, side_force, gradient, sides, length, factor, variant: ti.template()):
+        """What the blocks of the triangle that the sides at a point make have in common, as lists: the gradient of each side's
+        extension, T ∂²δ/∂x² of each side, and of each side and corner how its force changes with the corner's place."""
+        slope = [gradient[a, :] for a in ti.static(range(3))]
+        curvature = [
+            element.side_curvature(side_force[a], sides[a, :], length[a], factor[a], variant.green)
+            for a in ti.static(range(3))
+        ]
+        change = [
+            [
+                natural[a, (c + 1) % 3] * slope[(c + 1) % 3] - natural[a, (c + 2) % 3] * slope[(c + 2) % 3]
+                for c in ti.static(range(3))
+            ]
+            for a in ti.static(range(3))
+        ]
+        return slope, curvature, change
+
+    @ti.func
+    def corner_block(self, first: ti.template(), second: ti.template(), slope, curvature, change):
+        """What couples corners ``first`` (rows) and ``second`` of the triangle whose parts are given."""
         block = ti.Matrix.zero(self.fp, 3, 3)
         for a in ti.static(range(3)):
             if ti.static(_sign(a, first) != 0):
-                left = ti.static(float(_sign(a, first))) * gradient[a, :]
-                right = ti.Vector.zero(self.fp, 3)
-                for b in ti.static(range(3)):
-                    if ti.static(_sign(b, second) != 0):
-                        right += ti.static(float(_sign(b, second))) * natural[a, b] * gradient[b, :]
-                block += left.outer_product(right)
-                if ti.static(_sign(a, second) != 0):
-                    both = ti.static(float(_sign(a, first) * _sign(a, second)))
-                    block += both * element.side_curvature(
-                        side_force[a], sides[a, :], length[a], factor[a], variant.green
-                    )
+                part = outer(slope[a], change[a][second])
+                if ti.static(_sign(a, first) > 0):
+                    block += part
+                else:
+                    block -= part
+                if ti.static(_sign(a, first) * _sign(a, second) > 0):
+                    block += curvature[a]
+                if ti.static(_sign(a, first) * _sign(a, second) < 0):
+                    block -= curvature[a]
         return block
 
     @ti.func

@@ -5,8 +5,8 @@ elements' in fixed order, as many as there are.
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from taichi_membrane.algebra.elimination import Elimination, eliminate
 from taichi_membrane.algebra.protocol import DIRECT, Algebra
@@ -217,7 +217,7 @@ class Tangent:
         numbers = elimination.edge_block[some]
         blocks[numbers] = left[row[some]] @ blocks[numbers] @ left[column[some]]
 
-    def matrix(self) -> sparse.csr_matrix:
+    def matrix(self) -> scipy.sparse.csr_matrix:
         """The present tangent as a whole sparse matrix over 3 · node_count components, held ones as in :meth:`assemble`."""
         blocks, elimination = self.assemble(), self.elimination
         column, row = elimination.edge_node.T
@@ -228,4 +228,4 @@ class Tangent:
         i, j = np.meshgrid(np.arange(3), np.arange(3), indexing="ij")
         rows, columns = 3 * block_row[:, None, None] + i, 3 * block_column[:, None, None] + j
         size = 3 * self.system.node_count
-        return sparse.csr_matrix((data.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
+        return scipy.sparse.csr_matrix((data.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))

@@ -140,9 +140,10 @@ class Triangles(NaturalTriangles):
         natural, side_force, gradient, length, factor = self.side_stiffness(t, t, k, rest, stretch, variant)
         pressure = self.pressure.on(t)
         sides = rest + stretch
+        slope, curvature, change = self.corner_parts(natural, side_force, gradient, sides, length, factor, variant)
         for number in ti.static(range(6)):
             first, second = ti.static(element.BLOCKS[number][0], element.BLOCKS[number][1])
-            block = self.corner_block(first, second, natural, side_force, gradient, sides, length, factor, variant)
+            block = self.corner_block(first, second, slope, curvature, change)
             if ti.static(first != second and self.pressure.used):
                 block += element.pressure_stiffness(pressure, sides[first, :], sides[second, :])
             if ti.static(self.snow.used):
