@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import fill
+from taichi_membrane.mechanics.nodes import fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -34,9 +34,9 @@ class RigidBodies:
     def __init__(self, system: System, structure: Structure) -> None:
         self.system, self.fp, self.dtype = system, system.fp, system.dtype
         count, members = len(structure.bodies), sum(len(body.nodes) for body in structure.bodies)
-        self.node_part = ti.field(ti.i32, shape=structure.node_count)  # number of the freedoms that it carries
+        self.node_part = ti.field(ti.i32, shape=room(structure.node_count))  # number of the freedoms that it carries
         self.body_start = ti.field(ti.i32, shape=count + 1)
-        self.body_node = ti.field(ti.i32, shape=members)
+        self.body_node = ti.field(ti.i32, shape=room(members))
         self.body_radius = ti.field(system.fp, shape=count)
         self.body_place = ti.Vector.field(3, system.fp, shape=count)
         self.body_moment = ti.Vector.field(3, system.fp, shape=count)

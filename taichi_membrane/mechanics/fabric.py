@@ -220,7 +220,7 @@ def tangent(strain, f, law: ti.template(), orthotropic: ti.template()):
     """Consistent tangent ∂σ/∂ε under the linear law or the tension field (the clipped law has no symmetric one)."""
     result = elastic_tangent(f)
     if ti.static(law == "tension_field"):
-        _, _, state = tension_field(strain, f, orthotropic)
+        _stress, _energy, state = tension_field(strain, f, orthotropic)
         if state == WRINKLED:
             result = wrinkled_tangent(strain, f, orthotropic)
         elif state == SLACK:

@@ -15,7 +15,7 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics.contact import ContactTerm
-from taichi_membrane.mechanics.nodes import Array, Nodes, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -32,7 +32,7 @@ class FrictionTerm:
 
     def __init__(self, nodes: Nodes, structure: Structure, contact: ContactTerm) -> None:
         self.nodes, self.fp, self.dtype, self.contact = nodes, nodes.fp, nodes.dtype, contact
-        count = structure.node_count
+        count = room(structure.node_count)
         self.friction_normal = ti.Vector.field(3, nodes.fp, shape=count)
         self.friction_multiplier = ti.Vector.field(3, nodes.fp, shape=count)
         self.friction_limit = ti.Vector.field(2, nodes.fp, shape=count)  # k, b

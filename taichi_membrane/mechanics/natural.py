@@ -12,7 +12,7 @@ from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import element, fabric
 from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.features import Features
-from taichi_membrane.mechanics.nodes import Array, Nodes, blocks_of, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, blocks_of, fill, room
 from taichi_membrane.mechanics.preparation import FabricConstants
 from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.strain_offset import StrainOffset
@@ -36,7 +36,8 @@ class NaturalTriangles:
         self.nodes, self.offset, self.pressure = nodes, offset, pressure
         self.features, self.fp, self.dtype = nodes.features, nodes.fp, nodes.dtype
         self.samples, self.ends = structure.samples, structure.mesh.cells.shape[1]
-        fp, features, triangles, fabrics = self.fp, self.features, structure.mesh.tri_count, len(structure.fabrics)
+        fp, features, fabrics = self.fp, self.features, room(len(structure.fabrics))
+        triangles = room(structure.mesh.tri_count)
         points = triangles * self.samples
         self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())
         self.tri_node = ti.Vector.field(self.ends, ti.i32, shape=triangles)
@@ -80,20 +81,22 @@ class NaturalTriangles:
     def _write(
         self, cells: Array, side_length: Array, volume: Array, strain_matrix: Array, constants: Array, bounds: Array,
     ):  # fmt: skip
-        for number in ti.static(range(len(_BOUNDS))):
-            self.bounds.get_member_field(_BOUNDS[number])[None] = bounds[number]
-        for k in range(constants.shape[0]):
-            for number in ti.static(range(len(fabric.CONSTANTS))):
-                self.fabric_constants.get_member_field(fabric.CONSTANTS[number])[k] = constants[k, number]
-        for t in range(cells.shape[0]):
-            for c in ti.static(range(self.ends)):
-                self.tri_node[t][c] = cells[t, c]
-        for s in range(volume.shape[0]):
-            self.tri_volume[s] = volume[s]
-            for c in ti.static(range(3)):
-                self.tri_side_length[s][c] = side_length[s, c]
-                for j in ti.static(range(3)):
-                    self.tri_strain_matrix[s][c, j] = strain_matrix[s, c, j]
+        for i in range(ti.max(constants.shape[0], volume.shape[0])):
+            if i == 0:
+                for number in ti.static(range(len(_BOUNDS))):
+                    self.bounds.get_member_field(_BOUNDS[number])[None] = bounds[number]
+            if i < constants.shape[0]:
+                for number in ti.static(range(len(fabric.CONSTANTS))):
+                    self.fabric_constants.get_member_field(fabric.CONSTANTS[number])[i] = constants[i, number]
+            if i < cells.shape[0]:
+                for c in ti.static(range(self.ends)):
+                    self.tri_node[i][c] = cells[i, c]
+            if i < volume.shape[0]:
+                self.tri_volume[i] = volume[i]
+                for c in ti.static(range(3)):
+                    self.tri_side_length[i][c] = side_length[i, c]
+                    for j in ti.static(range(3)):
+                        self.tri_strain_matrix[i][c, j] = strain_matrix[i, c, j]
 
     def scale_thickness(self, fabric_number: int, factor: float) -> None:
         """Give one fabric so many times its thickness; 1 restores it."""
@@ -147,7 +150,7 @@ class NaturalTriangles:
     def natural_forces(self, t, s, k, rest, stretch, variant: ti.template()):
         """Side forces T = V Gᵀ σ (eq. 12), present side lengths and force-density factors at point ``s`` of triangle ``t``."""
         strain, length, factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
-        stress, _, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
+        stress, _energy, _state = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
         return self.tri_volume[s] * transposed_times(self.tri_strain_matrix[s], stress), length, factor
 
     @ti.func
@@ -156,7 +159,9 @@ class NaturalTriangles:
         density = ti.Vector.zero(self.fp, 3)
         for number in ti.static(range(len(self.features.variants))):
             if self.has_variant(k, number):
-                side_force, _, factor = self.natural_forces(t, s, k, rest, stretch, self.features.variants[number])
+                side_force, _length, factor = self.natural_forces(
+                    t, s, k, rest, stretch, self.features.variants[number]
+                )
                 density = side_force * factor
         return density
 
@@ -166,7 +171,7 @@ class NaturalTriangles:
         f = self.fabric_constants[k]
         matrix = self.tri_strain_matrix[s]
         rest_length = self.tri_side_length[s]
-        side_force, length, _ = self.natural_forces(t, s, k, rest, stretch, variant)
+        side_force, length, _factor = self.natural_forces(t, s, k, rest, stretch, variant)
         bound = 0.0 * rest_length
         for a in ti.static(range(3)):
             column = fabric.elastic_stress(ti.Vector([matrix[0, a], matrix[1, a], matrix[2, a]]), f)
@@ -187,8 +192,8 @@ class NaturalTriangles:
 
     @ti.func
     def _energy_density(self, t, s, k, rest, stretch, variant: ti.template()):
-        strain, _, _ = self.strain_and_sides(t, s, k, rest, stretch, variant)
-        _, density, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
+        strain, _length, _factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
+        _stress, density, _state = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
         return density
 
     @ti.func
@@ -196,7 +201,7 @@ class NaturalTriangles:
         """At point ``s`` of triangle ``t``: natural stiffness, side forces, gradients of the extensions, lengths and factors."""
         strain, length, factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
         constants = self.fabric_constants[k]
-        stress, _, _ = fabric.response(strain, constants, variant.law, variant.orthotropic)
+        stress, _energy, _state = fabric.response(strain, constants, variant.law, variant.orthotropic)
         matrix = self.tri_strain_matrix[s]
         volume = self.tri_volume[s]
         side_force = volume * transposed_times(matrix, stress)
@@ -249,13 +254,13 @@ class NaturalTriangles:
         """Strain, stress, state and the three scalars of :class:`ElementState` at point ``s`` of triangle ``t``."""
         f = self.fabric_constants[k]
         rest, stretch = self.sample_sides(t, s)
-        strain, _, _ = self.strain_and_sides(t, s, k, rest, stretch, variant)
-        stress, _, state = fabric.response(strain, f, variant.law, variant.orthotropic)
+        strain, _length, _factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
+        stress, _energy, state = fabric.response(strain, f, variant.law, variant.orthotropic)
         trial = fabric.elastic_stress(strain, f)
         folds = fabric.fold_strain(strain, stress, f)
-        fold_major, _ = fabric.principal_values(folds[0], folds[1], 0.5 * folds[2])
-        _, trial_minor = fabric.principal_values(trial[0], trial[1], trial[2])
-        strain_major, _ = fabric.principal_values(strain[0], strain[1], 0.5 * strain[2])
+        fold_major, _fold_minor = fabric.principal_values(folds[0], folds[1], 0.5 * folds[2])
+        _trial_major, trial_minor = fabric.principal_values(trial[0], trial[1], trial[2])
+        strain_major, _strain_minor = fabric.principal_values(strain[0], strain[1], 0.5 * strain[2])
         if state == TAUT:
             fold_major *= 0.0
         modulus = ti.max(f.root_warp, f.root_weft) ** 2

@@ -6,7 +6,7 @@ One that bears tension only resists motion along d alone, one that bears compres
 import numpy as np
 
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import Nodes, fill
+from taichi_membrane.mechanics.nodes import Nodes, fill, room
 from taichi_membrane.mechanics.preparation import Floats, gather_lists
 from taichi_membrane.mechanics.structure import Structure
 
@@ -18,8 +18,8 @@ class SpringTerm:
     def __init__(self, nodes: Nodes, structure: Structure) -> None:
         assert structure.springs is not None  # else there is no such term
         self.nodes, self.fp, self.dtype = nodes, nodes.fp, nodes.dtype
-        size = len(structure.springs.nodes)
-        self.spring_start = ti.field(ti.i32, shape=structure.node_count + 1)
+        size = room(len(structure.springs.nodes))
+        self.spring_start = ti.field(ti.i32, shape=room(structure.node_count) + 1)
         self.spring_direction = ti.Vector.field(3, nodes.fp, shape=size)
         self.spring_constants = ti.Vector.field(3, nodes.fp, shape=size)  # k, k where u_d > 0, k where u_d < 0
 

@@ -14,7 +14,7 @@ from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.bodies import ORDINARY
-from taichi_membrane.mechanics.nodes import Array
+from taichi_membrane.mechanics.nodes import Array, room
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.reduction import Reduction
 from taichi_membrane.mechanics.structure import Structure
@@ -29,7 +29,7 @@ class Tangent:
         self.system, self.algebra = system, algebra
         structure = system.structure
         nodes, slots = system.node_rest.shape[0], system.node_slot.shape[0]
-        edges, pairs = len(structure.edges), len(structure.pairs)
+        edges, pairs = room(len(structure.edges)), room(len(structure.pairs))
         self.edge_count = ti.field(ti.i32, shape=())
         self.slot_block = ti.Matrix.field(3, 3, system.fp, shape=slots)
         self.pair_block = ti.Matrix.field(3, 3, system.fp, shape=pairs)
@@ -86,17 +86,19 @@ class Tangent:
     def _write(
         self, node_block: Array, edge_block: Array, edge_node: Array, edge_start: Array, edge_pair: Array,
     ):  # fmt: skip
-        self.edge_count[None] = edge_block.shape[0]
-        for i in range(node_block.shape[0]):
-            self.node_block[i] = node_block[i]
-        for e in range(edge_block.shape[0]):
-            self.edge_block[e] = edge_block[e]
-            for c in ti.static(range(2)):
-                self.edge_node[e][c] = edge_node[e, c]
-        for e in range(edge_start.shape[0]):
-            self.edge_start[e] = edge_start[e]
-        for p in range(edge_pair.shape[0]):
-            self.edge_pair[p] = edge_pair[p]
+        for i in range(ti.max(node_block.shape[0], edge_start.shape[0], edge_pair.shape[0])):
+            if i == 0:
+                self.edge_count[None] = edge_block.shape[0]
+            if i < node_block.shape[0]:
+                self.node_block[i] = node_block[i]
+            if i < edge_block.shape[0]:
+                self.edge_block[i] = edge_block[i]
+                for c in ti.static(range(2)):
+                    self.edge_node[i][c] = edge_node[i, c]
+            if i < edge_start.shape[0]:
+                self.edge_start[i] = edge_start[i]
+            if i < edge_pair.shape[0]:
+                self.edge_pair[i] = edge_pair[i]
 
     @ti.kernel
     def _assemble(self, out: ti.types.ndarray()):

@@ -12,7 +12,7 @@ import numpy as np
 
 from taichi_membrane.algebra.elimination import Elimination
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import Array, Nodes, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, fill, room
 from taichi_membrane.mechanics.preparation import Floats, Ints, gather_lists
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.wall_search import Found
@@ -24,7 +24,7 @@ class WallTerm:
 
     def __init__(self, nodes: Nodes, structure: Structure) -> None:
         self.nodes, self.fp, self.dtype = nodes, nodes.fp, nodes.dtype
-        count = structure.node_count
+        count = room(structure.node_count)
         self.wall_node = ti.Vector.field(4, ti.i32, shape=2 * count)
         self.wall_share = ti.Vector.field(4, nodes.fp, shape=2 * count)  # c
         self.wall_normal = ti.Vector.field(3, nodes.fp, shape=2 * count)
