@@ -1,6 +1,7 @@
 """Taichi's pass over the source of kernels: each function parsed once, with the same outcome as Taichi's own."""
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -81,10 +82,12 @@ def test_another_taichi_is_left_as_it_is(version: tuple[int, ...] | None) -> Non
     assert ti.lang.kernel_impl.transform_tree is before
 
 
-@pytest.mark.parametrize("name", python_pass._NAMES["kernel_impl"])
-def test_taichi_without_one_of_the_names_is_left_as_it_is(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("module", "name"), [(m, name) for m, names in python_pass._NAMES.items() for name in names])
+def test_taichi_without_one_of_the_names_is_left_as_it_is(
+    module: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = ti.lang.kernel_impl.transform_tree
-    monkeypatch.delattr(ti.lang.kernel_impl, name)
+    monkeypatch.delattr(importlib.import_module(f"taichi.lang.{module}"), name)
     assert not python_pass.hasten(ti)
     monkeypatch.undo()
     assert ti.lang.kernel_impl.transform_tree is before

@@ -2,15 +2,15 @@
 
 Taichi 1.7.4 reads, unwraps and parses the source of a function anew wherever it is inlined; for messages that are rarely shown it
 draws the source position of each node that it visits, of each again wherever it is inlined or unrolled; and it reads the source
-around a decorator to see whether that stands in a class. Here each function is parsed once, a position is a file and a line, and a
-class is known by its names. Where Taichi's internals are not those of 1.7.4 nothing is changed: this is only
-a matter of speed.
+around a decorator to see whether that stands in a class, and the whole stack for each component of a field. Here each function is
+parsed once, a position is a file and a line, and a class is known by its names. Where Taichi's internals are not those of 1.7.4
+nothing is changed: this is only a matter of speed.
 """
 
 from __future__ import annotations
 
 import ast
-import inspect
+import importlib
 import linecache
 import sys
 import textwrap
@@ -21,6 +21,7 @@ from taichi_membrane.collector import no_collection
 # The names of Taichi that are read or replaced, by module.
 _NAMES = {
     "ast.ast_transformer_utils": ("ASTTransformerContext",),
+    "impl": ("get_traceback",),
     "kernel_impl": (
         "_get_tree_and_ctx",
         "_get_global_vars",
@@ -29,6 +30,7 @@ _NAMES = {
         "getsourcelines",
         "transform_tree",
     ),
+    "snode": ("get_traceback",),
 }
 
 
@@ -36,14 +38,13 @@ def hasten(taichi: Any) -> bool:
     """Make the pass cheaper; False, and no change, where Taichi's internals are unlike those of 1.7.4."""
     if getattr(taichi, "__version__", None) != (1, 7, 4):
         return False
-    from taichi.lang import kernel_impl
-    from taichi.lang.ast import ast_transformer_utils
-
-    modules = {"kernel_impl": kernel_impl, "ast.ast_transformer_utils": ast_transformer_utils}
+    modules: dict[str, Any] = {name: importlib.import_module(f"taichi.lang.{name}") for name in _NAMES}
     if not all(hasattr(modules[module], name) for module, names in _NAMES.items() for name in names):
         return False
+    kernel_impl = modules["kernel_impl"]
     parsed = _Parsed(kernel_impl)
-    ast_transformer_utils.ASTTransformerContext.get_pos_info = _position
+    modules["ast.ast_transformer_utils"].ASTTransformerContext.get_pos_info = _position
+    modules["impl"].get_traceback = modules["snode"].get_traceback = _caller
     kernel_impl._get_tree_and_ctx = parsed.tree_and_context
     kernel_impl.transform_tree = parsed.transform
     kernel_impl._inside_class = _inside_class
@@ -55,6 +56,12 @@ def _position(self: Any, node: Any) -> str:
     return f'File "{self.file}", line {node.lineno + self.lineno_offset}, in {self.func.func.__name__}:\n'
 
 
+def _caller(stacklevel: int = 1) -> str:
+    """Where something was made, for messages."""
+    frame = sys._getframe(stacklevel + 1)
+    return f'File "{frame.f_code.co_filename}", line {frame.f_lineno}, in {frame.f_code.co_name}'
+
+
 def _inside_class(level_of_class_stackframe: int) -> bool:
     """Whether a decorator stands in a class: its frame is one below the one whose source Taichi would read."""
     return "__qualname__" in sys._getframe(level_of_class_stackframe - 1).f_locals
@@ -64,13 +71,14 @@ class _Source:
     """The source of one function, and trees of it that no inlining uses at the moment."""
 
     def __init__(self, kernel_impl: Any, function: Any) -> None:
-        self.file = function.__code__.co_filename
-        self.start = function.__code__.co_firstlineno
-        lines = inspect.getblock(linecache.getlines(self.file)[self.start - 1 :])
+        code = function.__code__
+        self.file, self.start = code.co_filename, code.co_firstlineno
+        end = max(last for _, last, _, _ in code.co_positions() if last is not None)
+        lines = linecache.getlines(self.file)[self.start - 1 : end]
         if not lines:  # not from a file
             self.file = kernel_impl.getsourcefile(function)
             lines, self.start = kernel_impl.getsourcelines(function)
-        self.lines = [textwrap.fill(line, tabsize=4, width=9999) for line in lines]  # as Taichi does: columns of nodes
+        self.lines = [line.rstrip().expandtabs(4) for line in lines]
         self.free: list[ast.Module] = []
 
     def tree(self) -> ast.Module:
