@@ -246,7 +246,7 @@ class Relaxation:
         for number in ti.static(range(len(_COUNTS))):
             out[number] = ti.cast(self.control.get_member_field(_COUNTS[number])[None], self.fp)
         for number in ti.static(range(len(_NUMBERS))):
-            out[len(_COUNTS) + number] = self.control.get_member_field(_NUMBERS[number])[None]
+            out[ti.static(len(_COUNTS) + number)] = self.control.get_member_field(_NUMBERS[number])[None]
 
     # ---- host
 
