@@ -216,11 +216,13 @@ def elastic_tangent(f):
 
 
 @ti.func
-def tangent(strain, f, law: ti.template(), orthotropic: ti.template()):
-    """Consistent tangent ∂σ/∂ε under the linear law or the tension field (the clipped law has no symmetric one)."""
+def tangent(strain, f, state, law: ti.template(), orthotropic: ti.template()):
+    """Consistent tangent ∂σ/∂ε under the linear law or the tension field (the clipped law has no symmetric one).
+
+    ``state`` is what :func:`response` says of the strain.
+    """
     result = elastic_tangent(f)
     if ti.static(law == "tension_field"):
-        _stress, _energy, state = tension_field(strain, f, orthotropic)
         if state == WRINKLED:
             result = wrinkled_tangent(strain, f, orthotropic)
         elif state == SLACK:

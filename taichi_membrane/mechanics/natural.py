@@ -201,11 +201,11 @@ class NaturalTriangles:
         """At point ``s`` of triangle ``t``: natural stiffness, side forces, gradients of the extensions, lengths and factors."""
         strain, length, factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
         constants = self.fabric_constants[k]
-        stress, _energy, _state = fabric.response(strain, constants, variant.law, variant.orthotropic)
+        stress, _energy, state = fabric.response(strain, constants, variant.law, variant.orthotropic)
         matrix = self.tri_strain_matrix[s]
         volume = self.tri_volume[s]
         side_force = volume * transposed_times(matrix, stress)
-        material = fabric.tangent(strain, constants, variant.law, variant.orthotropic)
+        material = fabric.tangent(strain, constants, state, variant.law, variant.orthotropic)
         natural = volume * product(transposed_product(matrix, material), matrix)
         sides = rest + stretch
         gradient = ti.Matrix.zero(self.fp, 3, 3)

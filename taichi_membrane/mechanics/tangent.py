@@ -19,6 +19,7 @@ from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.reduction import Reduction
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
+from taichi_membrane.mechanics.vectors import outer
 
 
 @ti.data_oriented
@@ -143,10 +144,11 @@ class Tangent:
     @ti.func
     def write_block(self, number, block, row, column, out: ti.template()):
         """A block that couples nodes ``row`` and ``column``, with zeros at held components."""
+        free = outer(1 - self.system.node_held[row], 1 - self.system.node_held[column])
+        kept = ti.select(free == 1, block, ti.Matrix.zero(self.system.fp, 3, 3))
         for i in ti.static(range(3)):
             for j in ti.static(range(3)):
-                free = (1 - self.system.node_held[row][i]) * (1 - self.system.node_held[column][j])
-                out[number, i, j] = ti.select(free == 1, block[i, j], ti.cast(0.0, self.system.fp))
+                out[number, i, j] = kept[i, j]
 
     def assemble(self) -> Floats:
         """Blocks of the lower triangle (block_count, 3, 3) at the present displacements and pressures, of the freedoms; the same
