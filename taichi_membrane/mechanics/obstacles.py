@@ -15,7 +15,7 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics.contact import ContactTerm
-from taichi_membrane.mechanics.nodes import Nodes, fill, room
+from taichi_membrane.mechanics.nodes import Array, Nodes, room
 from taichi_membrane.mechanics.obstacle import Obstacle
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
@@ -38,12 +38,22 @@ class _Turned(ContactTerm):
         """(node_count,) distances at rest; writes places, axes and sizes."""
         one: Obstacle = self.obstacle
         arm = (points - (one.centre + offset)) @ one.frame.T
-        fill(self.node_arm, arm.astype(self.dtype))
-        fill(self.obstacle_frame, one.frame[None].astype(self.dtype))
-        size = [*one.size, *[0.0] * (3 - len(one.size)), one.rounding]
-        fill(self.obstacle_size, np.array([size], dtype=self.dtype))
+        size = np.array([*one.size, *[0.0] * (3 - len(one.size)), one.rounding])
+        self._write(arm.astype(self.dtype), one.frame.astype(self.dtype), size.astype(self.dtype))
         across = arm if one.kind == "sphere" else arm[:, :2]
         return np.asarray(np.linalg.norm(across, axis=1) - one.size[0])
+
+    @ti.kernel
+    def _write(self, arm: Array, frame: Array, size: Array):
+        for i in range(arm.shape[0]):
+            for c in ti.static(range(3)):
+                self.node_arm[i][c] = arm[i, c]
+            if i == 0:
+                for c in ti.static(range(3)):
+                    for j in ti.static(range(3)):
+                        self.obstacle_frame[0][c, j] = frame[c, j]
+                for c in ti.static(range(4)):
+                    self.obstacle_size[0][c] = size[c]
 
     @ti.func
     def turned_back(self, gap, normal, curvature):

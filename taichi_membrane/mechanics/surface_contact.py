@@ -10,7 +10,7 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics.contact import ContactTerm
-from taichi_membrane.mechanics.nodes import Nodes, fill, room
+from taichi_membrane.mechanics.nodes import Array, Nodes, fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -58,14 +58,31 @@ class SurfaceTerm(ContactTerm):
         facets = structure.obstacles[self.number].facets
         assert facets is not None
         grid = self.grid = facets.grid
-        fill(self.facet_corner, (facets.corners - grid.low).astype(self.dtype))
-        fill(self.facet_normal, facets.normals.astype(self.dtype))
-        fill(self.facet_pseudo, np.concatenate(facets.pseudo_normals, axis=1).astype(self.dtype))
-        fill(self.cell_start, grid.start.astype(np.int32))
-        fill(self.cell_facet, grid.triangles.astype(np.int32))
+        self._write(
+            (facets.corners - grid.low).astype(self.dtype),
+            facets.normals.astype(self.dtype),
+            np.concatenate(facets.pseudo_normals, axis=1).astype(self.dtype),
+            grid.start.astype(np.int32),
+            grid.triangles.astype(np.int32),
+        )
         fill(self.grid_count, grid.count[None].astype(np.int32))
         fill(self.grid_size, np.array([[grid.size, structure.obstacles[self.number].offset]], dtype=self.dtype))
         super().upload(structure)
+
+    @ti.kernel
+    def _write(self, corner: Array, normal: Array, pseudo: Array, start: Array, facet: Array):
+        for i in range(ti.max(normal.shape[0], start.shape[0], facet.shape[0])):
+            if i < normal.shape[0]:
+                for c in ti.static(range(3)):
+                    self.facet_normal[i][c] = normal[i, c]
+                    for j in ti.static(range(3)):
+                        self.facet_corner[i][j, c] = corner[i, j, c]
+                    for j in ti.static(range(6)):
+                        self.facet_pseudo[i][j, c] = pseudo[i, j, c]
+            if i < start.shape[0]:
+                self.cell_start[i] = start[i]
+            if i < facet.shape[0]:
+                self.cell_facet[i] = facet[i]
 
     def settle(self, points: Floats, offset: Floats) -> Floats:
         """Places of the nodes at rest; no gaps are needed."""
