@@ -228,13 +228,13 @@ def blocks_of(count: int, on_cpu: bool) -> tuple[int, int]:
 
 
 def room(count: int) -> int:
-    """Places to allocate for so many things: 4096 at least, and an eighth more at most.
+    """Places to allocate for so many things: 4096 at least, and a sixteenth more at most.
 
     Kernels depend on the sizes of fields. So meshes of about one size share them, within a process and in Taichi's cache.
     """
     if count <= _LEAST_ROOM:
         return _LEAST_ROOM
-    digits = count.bit_length() - 4
+    digits = count.bit_length() - 5
     return -(-count >> digits) << digits
 
 
