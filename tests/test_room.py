@@ -34,6 +34,7 @@ def test_room_is_enough_and_no_waste(count: int) -> None:
     assert count <= room(count) <= max(4096, 17 * count / 16)
     assert room(room(count)) == room(count)
     assert room(count) <= room(count + 1)
+    assert room(3 * count, 3) >= 3 * 4096
 
 
 @pytest.mark.usefixtures("runtime_cpu")

@@ -49,7 +49,8 @@ class Nodes:
         # cantilever's residual above 1e-5 of its load. The part that is rounded off is kept beside it, so that differences of
         # displacements keep all their digits.
         self.split_displacement = active.precision == "f32"
-        fp, nodes, slots = self.fp, room(structure.node_count), room(len(structure.slots))
+        fp, nodes = self.fp, room(structure.node_count)
+        slots = room(len(structure.slots), structure.mesh.cells.shape[1])
         self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())
         self.node_rest = ti.Vector.field(3, fp, shape=nodes)
         self.node_displacement = ti.Vector.field(3, fp, shape=nodes)
@@ -227,13 +228,15 @@ def blocks_of(count: int, on_cpu: bool) -> tuple[int, int]:
     return length, -(-count // length)
 
 
-def room(count: int) -> int:
-    """Places to allocate for so many things: 4096 at least, and a sixteenth more at most.
+def room(count: int, each: int = 1) -> int:
+    """Places to allocate for so many things: for those of 4096 triangles at least, and a sixteenth more at most.
 
     Kernels depend on the sizes of fields. So meshes of about one size share them, within a process and in Taichi's cache.
+
+    :param each: how many there are to a triangle.
     """
-    if count <= _LEAST_ROOM:
-        return _LEAST_ROOM
+    if count <= _LEAST_ROOM * each:
+        return _LEAST_ROOM * each
     digits = count.bit_length() - 5
     return -(-count >> digits) << digits
 

@@ -30,7 +30,8 @@ class Tangent:
         self.system, self.algebra = system, algebra
         structure = system.structure
         nodes, slots = system.node_rest.shape[0], system.node_slot.shape[0]
-        edges, pairs = room(len(structure.edges)), room(len(structure.pairs))
+        pairs = room(len(structure.pairs), 3 if structure.mesh.order == 1 else 15)
+        edges = room(len(structure.edges), 2 if structure.mesh.order == 1 else 8)
         self.edge_count = ti.field(ti.i32, shape=())
         self.slot_block = ti.Matrix.field(3, 3, system.fp, shape=slots)
         self.pair_block = ti.Matrix.field(3, 3, system.fp, shape=pairs)
