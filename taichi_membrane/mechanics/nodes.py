@@ -67,6 +67,12 @@ class Nodes:
             self.node_frame = ti.Matrix.field(3, 3, fp, shape=nodes)
         if self.features.loads:
             self.node_load = ti.Vector.field(3, fp, shape=nodes)
+        # Displacements, in single precision what was rounded off of them, and loads.
+        self.changing = (
+            self.node_displacement,
+            *([self.node_displacement_rest] if self.split_displacement else []),
+            *([self.node_load] if self.features.loads else []),
+        )
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure fits these fields and the kernels compiled for them: same features, no larger."""
@@ -154,9 +160,9 @@ class Nodes:
             leading = (np.round(displacement / self.displacement_quantum) * self.displacement_quantum).astype(
                 self.dtype
             )
-        fill(self.node_displacement, leading)
+        self._put(leading, 0)
         if self.split_displacement:
-            fill(self.node_displacement_rest, (displacement - leading).astype(self.dtype))
+            self._put((displacement - leading).astype(self.dtype), 1)
 
     def displacement(self) -> Floats:
         """Nodal displacements, (node_count, 3) lengths, in double precision."""
@@ -219,7 +225,17 @@ class Nodes:
         """Set the dead nodal forces, (node_count, 3)."""
         if self.features.loads and not np.array_equal(loads, self.loads):
             self.loads = np.array(loads, dtype=np.float64)
-            fill(self.node_load, self.loads.astype(self.dtype))
+            self._put(self.loads.astype(self.dtype), len(self.changing) - 1)
+
+    @ti.kernel
+    def _put(self, values: Array, what: int):
+        """Write one of the vectors that change in a run: one kernel for all of them."""
+        ti.loop_config(block_dim=self.block_dim)
+        for i in range(values.shape[0]):
+            for c in ti.static(range(3)):
+                for number in ti.static(range(len(self.changing))):
+                    if what == number:
+                        self.changing[number][i][c] = values[i, c]
 
 
 def blocks_of(count: int, on_cpu: bool) -> tuple[int, int]:
