@@ -2,6 +2,7 @@
 # No deferred annotations here: Taichi reads the annotations of the kernels below, which mypy cannot.
 # mypy: disable-error-code="valid-type, no-untyped-def"
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,19 @@ def _respond(
             out[i, 5 + c] = folds[c]
 
 
+@cache
+def _records() -> Any:
+    """Fabrics of all probes, one probe's at a time: a field of its own for each would compile everything anew."""
+    return fabric.fabric_record(ti.f64).field(shape=4096)
+
+
+@ti.kernel
+def _take(records: ti.template(), constants: ti.types.ndarray()):
+    for k in range(constants.shape[0]):
+        for number in ti.static(range(len(fabric.CONSTANTS))):
+            records.get_member_field(fabric.CONSTANTS[number])[k] = constants[k, number]
+
+
 @ti.kernel
 def _root(out: ti.types.ndarray(), given: ti.types.ndarray()):
     for i in range(given.shape[0]):
@@ -57,14 +71,14 @@ class Probe:
         fabrics = tuple(
             FabricConstants(e_warp=a, e_weft=b, poisson=nu, shear=g, thickness=1.0) for a, b, nu, g in moduli.tolist()
         )
-        self.records: Any = fabric.fabric_record(ti.f64).field(shape=len(fabrics))
-        records = [one.record() for one in fabrics]
-        self.records.from_numpy({name: np.array([one[name] for one in records]) for name in records[0]})
+        self.constants = np.array([[one.record()[name] for name in fabric.CONSTANTS] for one in fabrics])
 
     def __call__(self, strain: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Stress, energy density, state and fold strain."""
         out = np.zeros((len(strain), 8))
-        _respond(out, np.ascontiguousarray(strain), self.records, self.law, self.orthotropic)
+        assert len(strain) <= len(self.constants) <= _records().shape[0]
+        _take(_records(), self.constants)
+        _respond(out, np.ascontiguousarray(strain), _records(), self.law, self.orthotropic)
         return out[:, 2:5], out[:, 0], out[:, 1].astype(np.int32), out[:, 5:]
 
 

@@ -109,7 +109,7 @@ def test_mass_bounds_the_highest_frequency(
     system.set_surface_loads(np.array([pressure]))
     system.set_displacement(u)
     relaxation.start_from_rest()
-    mass = relaxation.node_mass.to_numpy()
+    mass = relaxation.masses()
     highest = [
         highest_eigenvalue(stiffness, mass[body.nodes])
         for body, stiffness in zip(bodies, tangents(bodies, system, u), strict=True)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from scipy.sparse.linalg import ArpackNoConvergence
 from test_gas import sphere
 from test_multifrontal import MESHES, random_system, truss
@@ -23,7 +24,6 @@ from taichi_membrane.mechanics import rim
 from taichi_membrane.mechanics.coupled import CoupledFactor
 from taichi_membrane.mechanics.rim import SkewFactor
 from taichi_membrane.scene import Scene
-from taichi_membrane.simulation import modes
 from taichi_membrane.simulation.analysis import Analysis
 from taichi_membrane.simulation.model import build_mesh, build_model
 from taichi_membrane.simulation.results import RunResult
@@ -196,14 +196,14 @@ def test_modes_that_did_not_converge_are_told_as_missing(monkeypatch: pytest.Mon
     whole = drum().steps[-1].modes
     assert whole is not None
     assert (len(whole.values), whole.missing) == (4, "")
-    lanczos = modes.eigsh
+    lanczos = scipy.sparse.linalg.eigsh
 
     def two(*given: Any, **how: Any) -> Any:
         values, vectors = lanczos(*given, **how)
         order = np.argsort(values)[:2]
         raise ArpackNoConvergence("no convergence", values[order], vectors[:, order])
 
-    monkeypatch.setattr(modes, "eigsh", two)
+    monkeypatch.setattr(scipy.sparse.linalg, "eigsh", two)
     result = drum()
     found = result.steps[-1].modes
     assert result.converged
@@ -270,13 +270,13 @@ def test_eigenvalues_near_zero_that_were_not_found_are_told(monkeypatch: pytest.
     factor = newton.factorised(indefinite=True)
     assert isinstance(factor, SkewFactor)
     assert factor.factor.negative > 0
-    arnoldi = rim.eigs
+    arnoldi = scipy.sparse.linalg.eigs
 
     def three(*given: Any, **how: Any) -> Any:
         values = arnoldi(*given, **how)
         values = values[(np.abs(values.imag) > 0.0) | (values.real > 0.0)][:3]
         raise ArpackNoConvergence("no convergence", values, np.zeros((0, 0)))
 
-    monkeypatch.setattr(rim, "eigs", three)
+    monkeypatch.setattr(scipy.sparse.linalg, "eigs", three)
     assert factor.negative == 0
     assert "nearest zero, of which 3 were found: none is real and negative" in factor.doubt

@@ -12,7 +12,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parent.parent / "taichi_membrane"
 # From the ground up; rooms of one floor do not know each other.
 FLOORS = (
-    ("errors", "names", "arrays", "bounds"),
+    ("errors", "names", "arrays", "bounds", "collector"),
     ("fields", "device"),
     ("mesh", "scene"),
     ("shapes", "algebra"),

@@ -7,9 +7,6 @@ panel and update (Duff and Reid, ACM Trans. Math. Softw. 9, 1983).
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +15,7 @@ from numpy.typing import NDArray
 
 from taichi_membrane.algebra.dissection import Dissection, dissect
 from taichi_membrane.arrays import Floats, Ints
+from taichi_membrane.collector import no_collection
 
 Places = NDArray[np.int64]
 
@@ -140,7 +138,7 @@ class Elimination:
         first = np.flatnonzero(begins)
         length = np.diff(first, append=len(place))
         source = first - self.border_start[front[first]]
-        with _no_collection():
+        with no_collection():
             runs: list[list[tuple[int, int, int]]] = [[] for _ in own]
             for number, a, b, n in zip(
                 *(x.tolist() for x in (front[first], source, place[first], length)), strict=True
@@ -189,18 +187,6 @@ class Elimination:
                     tops[1 - side] -= sizes[child - fronts.start]
         place = [most - at - size if side else at for at, size, side in zip(begin, sizes, sides, strict=True)]
         return Group(fronts, place, most)
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Python's cyclic collector off: it would look again and again through a million small objects that all stay."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def _additions(runs: list[tuple[int, int, int]], own: int) -> list[Addition]:

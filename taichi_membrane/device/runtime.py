@@ -64,6 +64,9 @@ def start(*, arch: Arch = "cpu", precision: Precision = "f64", threads: int | No
     if arch == "opengl":
         _refuse_crash(arch)
     options: dict[str, Any] = {"cpu_max_num_threads": threads} if threads else {}
+    if arch == "cpu":
+        # LLVM optimises all that Taichi does itself: the same bits and speed without, in half the time to compile.
+        options["advanced_optimization"] = False
     fp = ti.f64 if precision == "f64" else ti.f32
     with contextlib.redirect_stdout(io.StringIO()):
         # fast_math off: the same bits on every machine that rounds by IEEE 754, and comparisons with NaN stay honest.

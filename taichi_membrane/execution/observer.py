@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from taichi_membrane.collector import no_collection
 
 if TYPE_CHECKING:
     from taichi_membrane.simulation.results import StepResult
     from taichi_membrane.solvers.record import Progress
 
 Result = TypeVar("Result")
+
+# Phases before the first load step, which make much that stays.
+_STARTING = ("setup", "start", "compile")
 
 
 class Observer(Protocol):
@@ -79,7 +84,8 @@ class Clock:
             self.observer.phase(told)
         started = time.perf_counter()
         try:
-            yield
+            with no_collection() if key in _STARTING else nullcontext():
+                yield
         finally:
             self.seconds[key] = self.seconds.get(key, 0.0) + time.perf_counter() - started
 

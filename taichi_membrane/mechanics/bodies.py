@@ -9,14 +9,12 @@ the last part for G, none of whose eigenvalues is above Σ |f_i| |r_i| (:mod:`bo
 force acts.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import fill
+from taichi_membrane.mechanics.nodes import Array, fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -31,12 +29,12 @@ ORDINARY, FOLLOWS = -1, -2
 class RigidBodies:
     """Bodies of one structure; see the module text. Those of another structure have to be as many, with no more nodes."""
 
-    def __init__(self, system: System, structure: Structure) -> None:
+    def __init__(self, system: "System", structure: Structure) -> None:
         self.system, self.fp, self.dtype = system, system.fp, system.dtype
         count, members = len(structure.bodies), sum(len(body.nodes) for body in structure.bodies)
-        self.node_part = ti.field(ti.i32, shape=structure.node_count)  # number of the freedoms that it carries
+        self.node_part = ti.field(ti.i32, shape=room(structure.node_count))  # number of the freedoms that it carries
         self.body_start = ti.field(ti.i32, shape=count + 1)
-        self.body_node = ti.field(ti.i32, shape=members)
+        self.body_node = ti.field(ti.i32, shape=room(members))
         self.body_radius = ti.field(system.fp, shape=count)
         self.body_place = ti.Vector.field(3, system.fp, shape=count)
         self.body_moment = ti.Vector.field(3, system.fp, shape=count)
@@ -62,12 +60,25 @@ class RigidBodies:
         for number, body in enumerate(self.bodies):
             part[body.nodes] = FOLLOWS
             part[list(body.carriers)] = 2 * number, 2 * number + 1
-        fill(self.node_part, part)
-        fill(self.body_node, np.concatenate([body.nodes for body in self.bodies]).astype(np.int32))
-        fill(self.body_start, np.cumsum([0, *(len(body.nodes) for body in self.bodies)]).astype(np.int32))
-        fill(self.body_radius, np.array([body.radius for body in self.bodies], dtype=self.dtype))
+        self._write(
+            part,
+            np.concatenate([body.nodes for body in self.bodies]).astype(np.int32),
+            np.cumsum([0, *(len(body.nodes) for body in self.bodies)]).astype(np.int32),
+            np.array([body.radius for body in self.bodies], dtype=self.dtype),
+        )
         self.set_moments(np.zeros((self.count, 3)))
         self.settle(np.zeros((structure.node_count, 3)))
+
+    @ti.kernel
+    def _write(self, part: Array, members: Array, start: Array, radius: Array):
+        for i in range(part.shape[0]):
+            self.node_part[i] = part[i]
+            if i < members.shape[0]:
+                self.body_node[i] = members[i]
+            if i < start.shape[0]:
+                self.body_start[i] = start[i]
+            if i < radius.shape[0]:
+                self.body_radius[i] = radius[i]
 
     def set_moments(self, moments: Floats) -> None:
         """Set the moments (count, 3) about fixed axes, each that of the only rotation that is free."""

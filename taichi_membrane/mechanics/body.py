@@ -29,8 +29,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from taichi_membrane.arrays import Floats, Ints
 
@@ -105,7 +105,7 @@ class Body:
 
     def rotation(self, displacement: Floats) -> Floats:
         """(3,) rotation vector of the present pose, radians, of a length up to π."""
-        return np.asarray(Rotation.from_matrix(self.pose(displacement)[1]).as_rotvec())
+        return np.asarray(scipy.spatial.transform.Rotation.from_matrix(self.pose(displacement)[1]).as_rotvec())
 
     def map_at(self, displacement: Floats) -> Floats:
         """(k, 3, 6) T at the nodes: their displacement for that of the centre and for the spin times ρ."""
@@ -138,13 +138,15 @@ def least_turn(before: Floats, after: Floats) -> Floats:
         if cosine >= 0.0:
             return np.eye(3)
         across = np.cross(before, np.eye(3)[np.abs(before).argmin()])
-        return np.asarray(Rotation.from_rotvec(np.pi * across / np.linalg.norm(across)).as_matrix())
-    return np.asarray(Rotation.from_rotvec(np.arctan2(sine, cosine) / sine * axis).as_matrix())
+        return np.asarray(
+            scipy.spatial.transform.Rotation.from_rotvec(np.pi * across / np.linalg.norm(across)).as_matrix()
+        )
+    return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(np.arctan2(sine, cosine) / sine * axis).as_matrix())
 
 
 def turned(vector: Floats) -> Floats:
     """(3, 3) exp([v]×)."""
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+    return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(vector).as_matrix())
 
 
 # ---- all bodies of a structure, on vectors by nodes
@@ -201,7 +203,7 @@ def difference(bodies: Sequence[Body], before: Floats, after: Floats) -> Floats:
         result[body.nodes] = 0.0
         first, second = body.carriers
         result[first] = to_centre - from_centre
-        result[second] = body.radius * Rotation.from_matrix(turn).as_rotvec()
+        result[second] = body.radius * scipy.spatial.transform.Rotation.from_matrix(turn).as_rotvec()
     return result
 
 
@@ -210,7 +212,9 @@ def composed(bodies: Sequence[Body], first: Floats, then: Floats) -> Floats:
     result = first + then
     for body in bodies:
         spin = body.carriers[1]
-        turn = Rotation.from_rotvec(then[spin] / body.radius) * Rotation.from_rotvec(first[spin] / body.radius)
+        turn = scipy.spatial.transform.Rotation.from_rotvec(
+            then[spin] / body.radius
+        ) * scipy.spatial.transform.Rotation.from_rotvec(first[spin] / body.radius)
         result[spin] = body.radius * turn.as_rotvec()
     return result
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import element
-from taichi_membrane.mechanics.nodes import Nodes, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -24,7 +24,7 @@ class CableTerm:
     def __init__(self, nodes: Nodes, structure: Structure) -> None:
         assert structure.cables is not None  # else there is no such term
         self.nodes, self.fp, self.dtype = nodes, nodes.fp, nodes.dtype
-        size = len(structure.cables.nodes)
+        size = room(len(structure.cables.nodes))
         self.bounds = ti.types.struct(count=ti.i32, first=ti.i32, pair=ti.i32).field(shape=())
         self.cable_node = ti.Vector.field(2, ti.i32, shape=size)
         # L, |rest|² - L², T₀, EA, and the share of a compression that is borne.
@@ -40,12 +40,23 @@ class CableTerm:
         assert one is not None
         self.structure, self.cable_count = structure, len(one.nodes)
         first, pair = structure.cable_start
-        self.bounds[None] = {"count": self.cable_count, "first": first, "pair": pair}
         rest = structure.points[one.nodes[:, 1]] - structure.points[one.nodes[:, 0]]
         excess = (rest**2).sum(axis=1) - one.length**2
         constants = np.column_stack([one.length, excess, one.prestress, one.stiffness, one.bar])
-        fill(self.cable_node, one.nodes.astype(np.int32))
-        fill(self.cable_constants, constants.astype(self.dtype))
+        self._write(one.nodes.astype(np.int32), constants.astype(self.dtype), self.cable_count, first, pair)
+
+    @ti.kernel
+    def _write(self, nodes: Array, constants: Array, count: int, first: int, pair: int):
+        """All in one kernel; each number written from the host would be one."""
+        for e in range(count):
+            if e == 0:
+                self.bounds[None].count = count
+                self.bounds[None].first = first
+                self.bounds[None].pair = pair
+            for c in ti.static(range(2)):
+                self.cable_node[e][c] = nodes[e, c]
+            for c in ti.static(range(5)):
+                self.cable_constants[e][c] = constants[e, c]
 
     @ti.func
     def count(self):
@@ -72,7 +83,7 @@ class CableTerm:
     @ti.func
     def store_forces(self, e):
         """Forces of cable ``e`` on its ends."""
-        side, length, force, _ = self.state(e)
+        side, length, force, _stiffness = self.state(e)
         pull = force / length * side
         slot = self.bounds[None].first + 2 * e
         self.nodes.slot_force[slot] = pull
@@ -81,14 +92,14 @@ class CableTerm:
     @ti.func
     def energy(self, e):
         """Stored energy T² L/(2 EA), that of the prestress included, as a fabric's; no work."""
-        _, _, force, _ = self.state(e)
+        _side, _length, force, _stiffness = self.state(e)
         stored = 0.5 * force**2 * self.cable_constants[e][0] / self.cable_constants[e][3]
         return ti.Vector([stored, ti.cast(0.0, self.fp)])
 
     @ti.func
     def store_bounds(self, e):
         """Stiffness bound of cable ``e`` at both ends: EA/L along it, T/l across; a slack one counts as taut."""
-        _, length, force, _ = self.state(e)
+        _side, length, force, _stiffness = self.state(e)
         unstressed = self.cable_constants[e][0]
         bound = element.side_stiffness_bound(
             self.cable_constants[e][3] / unstressed, force, length, unstressed, 0.0, False
@@ -111,7 +122,7 @@ class CableTerm:
     @ti.kernel
     def _state_kernel(self, out: ti.types.ndarray()):
         for e in range(self.bounds[None].count):
-            _, length, force, _ = self.state(e)
+            _side, length, force, _stiffness = self.state(e)
             out[e, 0] = force
             out[e, 1] = length
 

@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import Nodes, fill
+from taichi_membrane.mechanics.nodes import Nodes, fill, room
 from taichi_membrane.mechanics.obstacle import Obstacle
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
@@ -29,7 +29,7 @@ class ContactTerm(ABC):
 
     def __init__(self, nodes: Nodes, structure: Structure, number: int) -> None:
         self.nodes, self.fp, self.dtype, self.number = nodes, nodes.fp, nodes.dtype, number
-        self.node_contact = ti.Vector.field(3, nodes.fp, shape=structure.node_count)  # gap at rest, k, λ
+        self.node_contact = ti.Vector.field(3, nodes.fp, shape=room(structure.node_count))  # gap at rest, k, λ
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure fits, where its nodes do."""

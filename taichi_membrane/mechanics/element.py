@@ -5,6 +5,7 @@ functions of values; equation numbers are those of the seed paper.
 """
 
 from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.vectors import dot, norm, outer
 
 # The distinct blocks of a triangle: the three diagonal ones, then side a's, which couples corners a+1 and a+2.
 BLOCKS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
@@ -20,8 +21,8 @@ def side_extension(rest, stretch, rest_length, green: ti.template()):
     strain by a share of the order of the strain itself. Green's passes the patch test exactly.
     A natural force T pulls with T ∂δ/∂x: T/l per length of the side vector for the engineering extension, T/L for Green's.
     """
-    length = (rest + stretch).norm()
-    growth = (2.0 * rest + stretch).dot(stretch)
+    length = norm(rest + stretch)
+    growth = dot(2.0 * rest + stretch, stretch)
     extension, density_factor = growth, length
     if ti.static(green):
         density_factor = 1.0 / rest_length
@@ -53,7 +54,7 @@ def swept_volume(mean_displacement, rest_1, rest_2, stretch_1, stretch_2):
     constant = rest_1.cross(rest_2)
     linear = rest_1.cross(stretch_2) + stretch_1.cross(rest_2)
     quadratic = stretch_1.cross(stretch_2)
-    return mean_displacement.dot(constant + 0.5 * linear + quadratic / 3.0) * 0.5
+    return dot(mean_displacement, constant + 0.5 * linear + quadratic / 3.0) * 0.5
 
 
 @ti.func
@@ -77,7 +78,7 @@ def side_curvature(side_force, side, length, factor, green: ti.template()):
     """T ∂²δ/∂x² of a side (eq. 11): T/l (I - c cᵀ) for the engineering extension, T/L I for Green's."""
     stiffness = ti.Matrix.identity(float, 3)
     if ti.static(not green):
-        stiffness -= side.outer_product(side) / length**2
+        stiffness -= outer(side, side) / length**2
     return side_force * factor * stiffness
 
 

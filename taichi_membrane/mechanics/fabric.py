@@ -23,6 +23,7 @@ isotropic fabric, for which φ is the principal direction of the strain.
 from typing import Any
 
 from taichi_membrane.device.language import ti
+from taichi_membrane.mechanics.vectors import dot, outer
 from taichi_membrane.names import SLACK, TAUT, WRINKLED
 
 _MAX_ROOT_STEPS = 60  # bisection alone reaches double precision in 53
@@ -121,7 +122,7 @@ def wrinkled_stress(strain, f, orthotropic: ti.template()):
 def tension_field(strain, f, orthotropic: ti.template()):
     """Stress, energy density and state of the tension field."""
     stress = elastic_stress(strain, f)
-    energy = 0.5 * stress.dot(strain)
+    energy = 0.5 * dot(stress, strain)
     state = TAUT
     taut = stress[0] + stress[1] >= 0.0 and stress[0] * stress[1] >= stress[2] * stress[2]
     if not taut:
@@ -154,14 +155,14 @@ def clipped(strain, f):
         share = major / (major - minor)
         stress = share * ti.Vector([stress[0] - minor, stress[1] - minor, stress[2]])
         state = WRINKLED
-    return stress, 0.5 * stress.dot(strain), state
+    return stress, 0.5 * dot(stress, strain), state
 
 
 @ti.func
 def response(strain, f, law: ti.template(), orthotropic: ti.template()):
     """Stress, energy density and state under the given wrinkling law (a compile-time choice)."""
     stress = elastic_stress(strain, f)
-    energy = 0.5 * stress.dot(strain)
+    energy = 0.5 * dot(stress, strain)
     state = TAUT
     if ti.static(law == "tension_field"):
         stress, energy, state = tension_field(strain, f, orthotropic)
@@ -205,7 +206,7 @@ def wrinkled_tangent(strain, f, orthotropic: ti.template()):
     mixed = turning - 0.5 * relative_slope * along
     # W_φφ over n²/c; the stretch n is positive in the wrinkled state.
     bending = 0.25 * relative_slope**2 - (stretch - m) / stretch - 0.5 * relative_curvature
-    return (along.outer_product(along) - mixed.outer_product(mixed) / bending) / compliance
+    return (outer(along, along) - outer(mixed, mixed) / bending) / compliance
 
 
 @ti.func
@@ -215,11 +216,13 @@ def elastic_tangent(f):
 
 
 @ti.func
-def tangent(strain, f, law: ti.template(), orthotropic: ti.template()):
-    """Consistent tangent ∂σ/∂ε under the linear law or the tension field (the clipped law has no symmetric one)."""
+def tangent(strain, f, state, law: ti.template(), orthotropic: ti.template()):
+    """Consistent tangent ∂σ/∂ε under the linear law or the tension field (the clipped law has no symmetric one).
+
+    ``state`` is what :func:`response` says of the strain.
+    """
     result = elastic_tangent(f)
     if ti.static(law == "tension_field"):
-        _, _, state = tension_field(strain, f, orthotropic)
         if state == WRINKLED:
             result = wrinkled_tangent(strain, f, orthotropic)
         elif state == SLACK:

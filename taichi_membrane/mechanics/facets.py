@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from taichi_membrane.arrays import Floats, Ints
 from taichi_membrane.mechanics.preparation import gather_lists
@@ -93,7 +93,7 @@ class Facets:
         reach = np.sqrt(3.0) * size  # twice what a point of a cell is off its centre
         middles = self.corners.mean(axis=1)
         radius = float(np.linalg.norm(self.corners - middles[:, None], axis=2).max())
-        tree = cKDTree(middles)
+        tree = scipy.spatial.cKDTree(middles)
         nearest = np.asarray(tree.query(centres)[0])
         cells, triangles = [], []
         lists = tree.query_ball_point(centres, nearest + reach + radius, return_length=True)

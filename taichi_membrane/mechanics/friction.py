@@ -15,7 +15,7 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics.contact import ContactTerm
-from taichi_membrane.mechanics.nodes import Array, Nodes, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -32,7 +32,7 @@ class FrictionTerm:
 
     def __init__(self, nodes: Nodes, structure: Structure, contact: ContactTerm) -> None:
         self.nodes, self.fp, self.dtype, self.contact = nodes, nodes.fp, nodes.dtype, contact
-        count = structure.node_count
+        count = room(structure.node_count)
         self.friction_normal = ti.Vector.field(3, nodes.fp, shape=count)
         self.friction_multiplier = ti.Vector.field(3, nodes.fp, shape=count)
         self.friction_limit = ti.Vector.field(2, nodes.fp, shape=count)  # k, b
@@ -84,14 +84,22 @@ class FrictionTerm:
         return np.where(self.contact.held_up[:, None], across, 0.0)
 
     def _write(self, stiffness: Floats, normal: Floats, multiplier: Floats, limit: Floats) -> None:
-        fill(self.friction_normal, normal.astype(self.dtype))
-        fill(self.friction_multiplier, multiplier.astype(self.dtype))
-        fill(self.friction_limit, np.column_stack([stiffness, limit]).astype(self.dtype))
         anchor = self.anchor + self.offset
         leading = anchor.astype(self.dtype)
-        fill(self.friction_anchor, leading)
-        if self.nodes.split_displacement:
-            fill(self.friction_anchor_rest, (anchor - leading).astype(self.dtype))
+        vectors = np.stack([normal, multiplier, leading, anchor - leading], axis=1)
+        self._write_nodes(vectors.astype(self.dtype), np.column_stack([stiffness, limit]).astype(self.dtype))
+
+    @ti.kernel
+    def _write_nodes(self, vectors: Array, limit: Array):
+        for i in range(limit.shape[0]):
+            for c in ti.static(range(3)):
+                self.friction_normal[i][c] = vectors[i, 0, c]
+                self.friction_multiplier[i][c] = vectors[i, 1, c]
+                self.friction_anchor[i][c] = vectors[i, 2, c]
+                if ti.static(self.nodes.split_displacement):
+                    self.friction_anchor_rest[i][c] = vectors[i, 3, c]
+            for c in ti.static(range(2)):
+                self.friction_limit[i][c] = limit[i, c]
 
     def keep(self, displacement: Floats, force: Floats) -> None:
         """Take over an equilibrium as history.

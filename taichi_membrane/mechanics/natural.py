@@ -12,11 +12,12 @@ from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import element, fabric
 from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.features import Features
-from taichi_membrane.mechanics.nodes import Array, Nodes, blocks_of, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, blocks_of, fill, room
 from taichi_membrane.mechanics.preparation import FabricConstants
 from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.strain_offset import StrainOffset
 from taichi_membrane.mechanics.structure import Structure, variant_of
+from taichi_membrane.mechanics.vectors import outer, product, times, transposed_product, transposed_times
 from taichi_membrane.names import TAUT
 
 _BOUNDS = ("count", "block_length", "blocks")
@@ -35,7 +36,8 @@ class NaturalTriangles:
         self.nodes, self.offset, self.pressure = nodes, offset, pressure
         self.features, self.fp, self.dtype = nodes.features, nodes.fp, nodes.dtype
         self.samples, self.ends = structure.samples, structure.mesh.cells.shape[1]
-        fp, features, triangles, fabrics = self.fp, self.features, structure.mesh.tri_count, len(structure.fabrics)
+        fp, features, fabrics = self.fp, self.features, room(len(structure.fabrics))
+        triangles = room(structure.mesh.tri_count)
         points = triangles * self.samples
         self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())
         self.tri_node = ti.Vector.field(self.ends, ti.i32, shape=triangles)
@@ -79,20 +81,22 @@ class NaturalTriangles:
     def _write(
         self, cells: Array, side_length: Array, volume: Array, strain_matrix: Array, constants: Array, bounds: Array,
     ):  # fmt: skip
-        for number in ti.static(range(len(_BOUNDS))):
-            self.bounds.get_member_field(_BOUNDS[number])[None] = bounds[number]
-        for k in range(constants.shape[0]):
-            for number in ti.static(range(len(fabric.CONSTANTS))):
-                self.fabric_constants.get_member_field(fabric.CONSTANTS[number])[k] = constants[k, number]
-        for t in range(cells.shape[0]):
-            for c in ti.static(range(self.ends)):
-                self.tri_node[t][c] = cells[t, c]
-        for s in range(volume.shape[0]):
-            self.tri_volume[s] = volume[s]
-            for c in ti.static(range(3)):
-                self.tri_side_length[s][c] = side_length[s, c]
-                for j in ti.static(range(3)):
-                    self.tri_strain_matrix[s][c, j] = strain_matrix[s, c, j]
+        for i in range(ti.max(constants.shape[0], volume.shape[0])):
+            if i == 0:
+                for number in ti.static(range(len(_BOUNDS))):
+                    self.bounds.get_member_field(_BOUNDS[number])[None] = bounds[number]
+            if i < constants.shape[0]:
+                for number in ti.static(range(len(fabric.CONSTANTS))):
+                    self.fabric_constants.get_member_field(fabric.CONSTANTS[number])[i] = constants[i, number]
+            if i < cells.shape[0]:
+                for c in ti.static(range(self.ends)):
+                    self.tri_node[i][c] = cells[i, c]
+            if i < volume.shape[0]:
+                self.tri_volume[i] = volume[i]
+                for c in ti.static(range(3)):
+                    self.tri_side_length[i][c] = side_length[i, c]
+                    for j in ti.static(range(3)):
+                        self.tri_strain_matrix[i][c, j] = strain_matrix[i, c, j]
 
     def scale_thickness(self, fabric_number: int, factor: float) -> None:
         """Give one fabric so many times its thickness; 1 restores it."""
@@ -137,7 +141,7 @@ class NaturalTriangles:
             extension[a], length[a], factor[a] = element.side_extension(
                 rest[a, :], stretch[a, :], rest_length[a], variant.green
             )
-        strain = self.tri_strain_matrix[s] @ extension
+        strain = times(self.tri_strain_matrix[s], extension)
         if ti.static(self.offset.used):
             strain += self.offset.of(t, k)
         return strain, length, factor
@@ -146,8 +150,8 @@ class NaturalTriangles:
     def natural_forces(self, t, s, k, rest, stretch, variant: ti.template()):
         """Side forces T = V Gᵀ σ (eq. 12), present side lengths and force-density factors at point ``s`` of triangle ``t``."""
         strain, length, factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
-        stress, _, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
-        return self.tri_volume[s] * (self.tri_strain_matrix[s].transpose() @ stress), length, factor
+        stress, _energy, _state = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
+        return self.tri_volume[s] * transposed_times(self.tri_strain_matrix[s], stress), length, factor
 
     @ti.func
     def force_densities(self, t, s, k, rest, stretch):
@@ -155,7 +159,9 @@ class NaturalTriangles:
         density = ti.Vector.zero(self.fp, 3)
         for number in ti.static(range(len(self.features.variants))):
             if self.has_variant(k, number):
-                side_force, _, factor = self.natural_forces(t, s, k, rest, stretch, self.features.variants[number])
+                side_force, _length, factor = self.natural_forces(
+                    t, s, k, rest, stretch, self.features.variants[number]
+                )
                 density = side_force * factor
         return density
 
@@ -165,11 +171,11 @@ class NaturalTriangles:
         f = self.fabric_constants[k]
         matrix = self.tri_strain_matrix[s]
         rest_length = self.tri_side_length[s]
-        side_force, length, _ = self.natural_forces(t, s, k, rest, stretch, variant)
+        side_force, length, _factor = self.natural_forces(t, s, k, rest, stretch, variant)
         bound = 0.0 * rest_length
         for a in ti.static(range(3)):
             column = fabric.elastic_stress(ti.Vector([matrix[0, a], matrix[1, a], matrix[2, a]]), f)
-            row_sum = self.tri_volume[s] * ti.abs(matrix.transpose() @ column).sum()
+            row_sum = self.tri_volume[s] * ti.abs(transposed_times(matrix, column)).sum()
             bound[a] = element.side_stiffness_bound(
                 row_sum, side_force[a], length[a], rest_length[a], pressure, variant.green
             )
@@ -186,8 +192,8 @@ class NaturalTriangles:
 
     @ti.func
     def _energy_density(self, t, s, k, rest, stretch, variant: ti.template()):
-        strain, _, _ = self.strain_and_sides(t, s, k, rest, stretch, variant)
-        _, density, _ = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
+        strain, _length, _factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
+        _stress, density, _state = fabric.response(strain, self.fabric_constants[k], variant.law, variant.orthotropic)
         return density
 
     @ti.func
@@ -195,12 +201,12 @@ class NaturalTriangles:
         """At point ``s`` of triangle ``t``: natural stiffness, side forces, gradients of the extensions, lengths and factors."""
         strain, length, factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
         constants = self.fabric_constants[k]
-        stress, _, _ = fabric.response(strain, constants, variant.law, variant.orthotropic)
+        stress, _energy, state = fabric.response(strain, constants, variant.law, variant.orthotropic)
         matrix = self.tri_strain_matrix[s]
         volume = self.tri_volume[s]
-        side_force = volume * (matrix.transpose() @ stress)
-        material = fabric.tangent(strain, constants, variant.law, variant.orthotropic)
-        natural = volume * (matrix.transpose() @ material @ matrix)
+        side_force = volume * transposed_times(matrix, stress)
+        material = fabric.tangent(strain, constants, state, variant.law, variant.orthotropic)
+        natural = volume * product(transposed_product(matrix, material), matrix)
         sides = rest + stretch
         gradient = ti.Matrix.zero(self.fp, 3, 3)
         for a in ti.static(range(3)):
@@ -209,25 +215,38 @@ class NaturalTriangles:
         return natural, side_force, gradient, length, factor
 
     @ti.func
-    def corner_block(
-        self, first: ti.template(), second: ti.template(), natural, side_force, gradient, sides, length, factor,
-        variant: ti.template(),
-    ):  # fmt: skip
-        """What couples corners ``first`` (rows) and ``second`` of the triangle that the sides at a point make."""
+    def corner_parts(self, natural, side_force, gradient, sides, length, factor, variant: ti.template()):
+        """What the blocks of the triangle that the sides at a point make have in common, as lists: the gradient of each side's
+        extension, T ∂²δ/∂x² of each side, and of each side and corner how its force changes with the corner's place."""
+        slope = [gradient[a, :] for a in ti.static(range(3))]
+        curvature = [
+            element.side_curvature(side_force[a], sides[a, :], length[a], factor[a], variant.green)
+            for a in ti.static(range(3))
+        ]
+        change = [
+            [
+                natural[a, (c + 1) % 3] * slope[(c + 1) % 3] - natural[a, (c + 2) % 3] * slope[(c + 2) % 3]
+                for c in ti.static(range(3))
+            ]
+            for a in ti.static(range(3))
+        ]
+        return slope, curvature, change
+
+    @ti.func
+    def corner_block(self, first: ti.template(), second: ti.template(), slope, curvature, change):
+        """What couples corners ``first`` (rows) and ``second`` of the triangle whose parts are given."""
         block = ti.Matrix.zero(self.fp, 3, 3)
         for a in ti.static(range(3)):
             if ti.static(_sign(a, first) != 0):
-                left = ti.static(float(_sign(a, first))) * gradient[a, :]
-                right = ti.Vector.zero(self.fp, 3)
-                for b in ti.static(range(3)):
-                    if ti.static(_sign(b, second) != 0):
-                        right += ti.static(float(_sign(b, second))) * natural[a, b] * gradient[b, :]
-                block += left.outer_product(right)
-                if ti.static(_sign(a, second) != 0):
-                    both = ti.static(float(_sign(a, first) * _sign(a, second)))
-                    block += both * element.side_curvature(
-                        side_force[a], sides[a, :], length[a], factor[a], variant.green
-                    )
+                part = outer(slope[a], change[a][second])
+                if ti.static(_sign(a, first) > 0):
+                    block += part
+                else:
+                    block -= part
+                if ti.static(_sign(a, first) * _sign(a, second) > 0):
+                    block += curvature[a]
+                if ti.static(_sign(a, first) * _sign(a, second) < 0):
+                    block -= curvature[a]
         return block
 
     @ti.func
@@ -235,13 +254,13 @@ class NaturalTriangles:
         """Strain, stress, state and the three scalars of :class:`ElementState` at point ``s`` of triangle ``t``."""
         f = self.fabric_constants[k]
         rest, stretch = self.sample_sides(t, s)
-        strain, _, _ = self.strain_and_sides(t, s, k, rest, stretch, variant)
-        stress, _, state = fabric.response(strain, f, variant.law, variant.orthotropic)
+        strain, _length, _factor = self.strain_and_sides(t, s, k, rest, stretch, variant)
+        stress, _energy, state = fabric.response(strain, f, variant.law, variant.orthotropic)
         trial = fabric.elastic_stress(strain, f)
         folds = fabric.fold_strain(strain, stress, f)
-        fold_major, _ = fabric.principal_values(folds[0], folds[1], 0.5 * folds[2])
-        _, trial_minor = fabric.principal_values(trial[0], trial[1], trial[2])
-        strain_major, _ = fabric.principal_values(strain[0], strain[1], 0.5 * strain[2])
+        fold_major, _fold_minor = fabric.principal_values(folds[0], folds[1], 0.5 * folds[2])
+        _trial_major, trial_minor = fabric.principal_values(trial[0], trial[1], trial[2])
+        strain_major, _strain_minor = fabric.principal_values(strain[0], strain[1], 0.5 * strain[2])
         if state == TAUT:
             fold_major *= 0.0
         modulus = ti.max(f.root_warp, f.root_weft) ** 2

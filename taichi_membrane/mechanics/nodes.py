@@ -23,6 +23,7 @@ GROUPS = 256
 _BOUNDS = ("nodes", "node_block_length", "node_blocks", "group_length", "groups")
 # Share of the structure's size: 24 bits then hold displacements of up to 32 sizes, and what is left to the rest is below this.
 _QUANTUM = 2.0**-19
+_LEAST_ROOM = 4096
 
 
 Array: Any = ti.types.ndarray()
@@ -48,7 +49,8 @@ class Nodes:
         # cantilever's residual above 1e-5 of its load. The part that is rounded off is kept beside it, so that differences of
         # displacements keep all their digits.
         self.split_displacement = active.precision == "f32"
-        fp, nodes, slots = self.fp, structure.node_count, len(structure.slots)
+        fp, nodes = self.fp, room(structure.node_count)
+        slots = room(len(structure.slots), structure.mesh.cells.shape[1])
         self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())
         self.node_rest = ti.Vector.field(3, fp, shape=nodes)
         self.node_displacement = ti.Vector.field(3, fp, shape=nodes)
@@ -59,12 +61,18 @@ class Nodes:
         self.node_slot_start = ti.field(ti.i32, shape=nodes + 1)
         self.node_slot = ti.field(ti.i32, shape=slots)
         self.slot_force = ti.Vector.field(3, fp, shape=slots)
-        largest = max(nodes, structure.mesh.tri_count)
+        largest = max(nodes, room(structure.mesh.tri_count))
         self.block_sum = ti.Vector.field(2, fp, shape=_CPU_BLOCKS if self.on_cpu else -(-largest // _GPU_BLOCK_LENGTH))
         if self.features.slanted:
             self.node_frame = ti.Matrix.field(3, 3, fp, shape=nodes)
         if self.features.loads:
             self.node_load = ti.Vector.field(3, fp, shape=nodes)
+        # Displacements, in single precision what was rounded off of them, and loads.
+        self.changing = (
+            self.node_displacement,
+            *([self.node_displacement_rest] if self.split_displacement else []),
+            *([self.node_load] if self.features.loads else []),
+        )
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure fits these fields and the kernels compiled for them: same features, no larger."""
@@ -81,6 +89,10 @@ class Nodes:
         self.origin = 0.5 * (structure.points.min(axis=0) + structure.points.max(axis=0))
         if self.features.slanted and structure.node_frame is not None:
             fill(self.node_frame, structure.node_frame.astype(self.dtype))
+        # The leading part of a displacement is a multiple of this power of two, so that no compiler can see through the split and
+        # undo it.
+        size = float(np.linalg.norm(np.ptp(structure.points, axis=0)))
+        self.displacement_quantum = float(2.0 ** np.floor(np.log2(size * _QUANTUM)))
         length, blocks = blocks_of(self.node_count, self.on_cpu)
         group_length = -(-blocks // GROUPS)
         self._write_nodes(
@@ -88,33 +100,29 @@ class Nodes:
             structure.node_held.astype(np.int32),
             *structure.node_slots,
             np.array([self.node_count, length, blocks, group_length, -(-blocks // group_length)], dtype=np.int32),
+            self.displacement_quantum,
         )
-        if self.split_displacement:
-            self._set_quantum()
         self.set_displacement(np.zeros((self.node_count, 3)))
         self.loads = np.full((self.node_count, 3), np.nan)
         self.set_loads(np.zeros((self.node_count, 3)))
 
     @ti.kernel
-    def _write_nodes(self, rest: Array, held: Array, slot_start: Array, slots: Array, bounds: Array):
-        """All that every structure has, in one kernel: compiling one for each field took seconds."""
-        for number in ti.static(range(len(_BOUNDS))):
-            self.bounds.get_member_field(_BOUNDS[number])[None] = bounds[number]
-        for i in range(rest.shape[0]):
-            for c in ti.static(range(3)):
-                self.node_rest[i][c] = rest[i, c]
-                self.node_held[i][c] = held[i, c]
-        for i in range(slot_start.shape[0]):
-            self.node_slot_start[i] = slot_start[i]
-        for s in range(slots.shape[0]):
-            self.node_slot[s] = slots[s]
-
-    def _set_quantum(self) -> None:
-        """The leading part of a displacement is a multiple of this power of two, so that no compiler can see through the split and
-        undo it."""
-        size = float(np.linalg.norm(np.ptp(self.structure.points, axis=0)))
-        self.displacement_quantum = float(2.0 ** np.floor(np.log2(size * _QUANTUM)))
-        self.quantum[None] = self.displacement_quantum
+    def _write_nodes(self, rest: Array, held: Array, slot_start: Array, slots: Array, bounds: Array, quantum: float):
+        """All that every structure has, in one kernel and one loop: compiling one for each field took seconds."""
+        for i in range(ti.max(slot_start.shape[0], slots.shape[0])):
+            if i == 0:
+                for number in ti.static(range(len(_BOUNDS))):
+                    self.bounds.get_member_field(_BOUNDS[number])[None] = bounds[number]
+                if ti.static(self.split_displacement):
+                    self.quantum[None] = quantum
+            if i < rest.shape[0]:
+                for c in ti.static(range(3)):
+                    self.node_rest[i][c] = rest[i, c]
+                    self.node_held[i][c] = held[i, c]
+            if i < slot_start.shape[0]:
+                self.node_slot_start[i] = slot_start[i]
+            if i < slots.shape[0]:
+                self.node_slot[i] = slots[i]
 
     # ---- on the device
 
@@ -152,15 +160,15 @@ class Nodes:
             leading = (np.round(displacement / self.displacement_quantum) * self.displacement_quantum).astype(
                 self.dtype
             )
-        fill(self.node_displacement, leading)
+        self._put(leading, 0)
         if self.split_displacement:
-            fill(self.node_displacement_rest, (displacement - leading).astype(self.dtype))
+            self._put((displacement - leading).astype(self.dtype), 1)
 
     def displacement(self) -> Floats:
         """Nodal displacements, (node_count, 3) lengths, in double precision."""
-        leading = self.node_displacement.to_numpy()[: self.node_count].astype(np.float64)
+        leading = read(self.node_displacement, self.node_count)
         if self.split_displacement:
-            leading += self.node_displacement_rest.to_numpy()[: self.node_count]
+            leading += read(self.node_displacement_rest, self.node_count)
         return leading
 
     def retract(self, position: Floats, step: Floats) -> Floats:
@@ -217,7 +225,17 @@ class Nodes:
         """Set the dead nodal forces, (node_count, 3)."""
         if self.features.loads and not np.array_equal(loads, self.loads):
             self.loads = np.array(loads, dtype=np.float64)
-            fill(self.node_load, self.loads.astype(self.dtype))
+            self._put(self.loads.astype(self.dtype), len(self.changing) - 1)
+
+    @ti.kernel
+    def _put(self, values: Array, what: int):
+        """Write one of the vectors that change in a run: one kernel for all of them."""
+        ti.loop_config(block_dim=self.block_dim)
+        for i in range(values.shape[0]):
+            for c in ti.static(range(3)):
+                for number in ti.static(range(len(self.changing))):
+                    if what == number:
+                        self.changing[number][i][c] = values[i, c]
 
 
 def blocks_of(count: int, on_cpu: bool) -> tuple[int, int]:
@@ -226,12 +244,82 @@ def blocks_of(count: int, on_cpu: bool) -> tuple[int, int]:
     return length, -(-count // length)
 
 
+def room(count: int, each: int = 1) -> int:
+    """Places to allocate for so many things: for those of 4096 triangles at least, and a sixteenth more at most.
+
+    Kernels depend on the sizes of fields. So meshes of about one size share them, within a process and in Taichi's cache.
+
+    :param each: how many there are to a triangle.
+    """
+    if count <= _LEAST_ROOM * each:
+        return _LEAST_ROOM * each
+    digits = count.bit_length() - 5
+    return -(-count >> digits) << digits
+
+
 def fill(field: Any, values: NDArray[Any]) -> None:
     """Write values to the beginning of a field, and zeros to the rest of it."""
-    if len(values) < field.shape[0]:
-        rest = np.zeros((field.shape[0] - len(values), *values.shape[1:]), dtype=values.dtype)
-        values = np.concatenate([values, rest])
-    field.from_numpy(np.ascontiguousarray(values))
+    if len(field.shape) > 1:
+        field.from_numpy(np.ascontiguousarray(values))
+        return
+    if not len(values):
+        values = np.zeros((1, *values.shape[1:]), dtype=values.dtype)
+    values = np.ascontiguousarray(values)
+    if isinstance(field, ti.MatrixField):
+        _fill_matrices(field, values.reshape(len(values), field.n, field.m))
+    else:
+        _fill_numbers(field, values)
+
+
+@ti.kernel
+def _fill_numbers(field: ti.template(), values: Array):
+    ti.loop_config(block_dim=512)
+    for i in range(field.shape[0]):
+        field[i] = 0
+        if i < values.shape[0]:
+            field[i] = values[i]
+
+
+@ti.kernel
+def _fill_matrices(field: ti.template(), values: Array):
+    ti.loop_config(block_dim=512)
+    for i in range(field.shape[0]):
+        one = field[i] * 0
+        if i < values.shape[0]:
+            for j in ti.static(range(field.n)):
+                if ti.static(field.ndim == 1):
+                    one[j] = values[i, j, 0]
+                else:
+                    for k in ti.static(range(field.m)):
+                        one[j, k] = values[i, j, k]
+        field[i] = one
+
+
+def read(field: Any, count: int) -> Floats:
+    """The first numbers of a field (count,), or the first of its vectors (count, n), in double precision."""
+    numbers = ti.lang.util.to_numpy_type(field.dtype)
+    if isinstance(field, ti.MatrixField):
+        out = np.empty((count, field.n), dtype=numbers)
+        _read_vectors(field, out)
+    else:
+        out = np.empty(count, dtype=numbers)
+        _read_numbers(field, out)
+    return out.astype(np.float64)
+
+
+@ti.kernel
+def _read_numbers(field: ti.template(), out: Array):
+    ti.loop_config(block_dim=512)
+    for i in range(out.shape[0]):
+        out[i] = field[i]
+
+
+@ti.kernel
+def _read_vectors(field: ti.template(), out: Array):
+    ti.loop_config(block_dim=512)
+    for i in range(out.shape[0]):
+        for c in ti.static(range(field.n)):
+            out[i, c] = field[i][c]
 
 
 def field_bytes(one: Any) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics.contact import ContactTerm
-from taichi_membrane.mechanics.nodes import Nodes, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, room
 from taichi_membrane.mechanics.obstacle import Obstacle
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
@@ -28,24 +28,37 @@ class _Turned(ContactTerm):
     def __init__(self, nodes: Nodes, structure: Structure, number: int) -> None:
         super().__init__(nodes, structure, number)
         self.sign = -1.0 if structure.obstacles[number].hollow else 1.0
-        self.node_arm = ti.Vector.field(3, nodes.fp, shape=structure.node_count)  # from the centre at rest, in its axes
-        self.obstacle_frame = ti.Matrix.field(3, 3, nodes.fp, shape=())
-        self.obstacle_size = ti.Vector.field(4, nodes.fp, shape=())  # sizes, then the radius of edges
+        self.node_arm = ti.Vector.field(
+            3, nodes.fp, shape=room(structure.node_count)
+        )  # from the centre at rest, in its axes
+        self.obstacle_frame = ti.Matrix.field(3, 3, nodes.fp, shape=1)
+        self.obstacle_size = ti.Vector.field(4, nodes.fp, shape=1)  # sizes, then the radius of edges
 
     def settle(self, points: Floats, offset: Floats) -> Floats:
         """(node_count,) distances at rest; writes places, axes and sizes."""
         one: Obstacle = self.obstacle
         arm = (points - (one.centre + offset)) @ one.frame.T
-        fill(self.node_arm, arm.astype(self.dtype))
-        self.obstacle_frame[None] = one.frame.tolist()
-        self.obstacle_size[None] = [*one.size, *[0.0] * (3 - len(one.size)), one.rounding]
+        size = np.array([*one.size, *[0.0] * (3 - len(one.size)), one.rounding])
+        self._write(arm.astype(self.dtype), one.frame.astype(self.dtype), size.astype(self.dtype))
         across = arm if one.kind == "sphere" else arm[:, :2]
         return np.asarray(np.linalg.norm(across, axis=1) - one.size[0])
+
+    @ti.kernel
+    def _write(self, arm: Array, frame: Array, size: Array):
+        for i in range(arm.shape[0]):
+            for c in ti.static(range(3)):
+                self.node_arm[i][c] = arm[i, c]
+            if i == 0:
+                for c in ti.static(range(3)):
+                    for j in ti.static(range(3)):
+                        self.obstacle_frame[0][c, j] = frame[c, j]
+                for c in ti.static(range(4)):
+                    self.obstacle_size[0][c] = size[c]
 
     @ti.func
     def turned_back(self, gap, normal, curvature):
         """The three in x, y, z, seen from the side where the structure is."""
-        frame = self.obstacle_frame[None]
+        frame = self.obstacle_frame[0]
         sign = ti.cast(self.sign, self.fp)
         return sign * gap, sign * (frame.transpose() @ normal), sign * (frame.transpose() @ curvature @ frame)
 
@@ -61,7 +74,7 @@ class RoundTerm(_Turned):
     @ti.func
     def distance(self, i):
         """Gap of node ``i``, its gradient and its second derivative."""
-        arm, moved = self.node_arm[i], self.obstacle_frame[None] @ self.displaced(i)
+        arm, moved = self.node_arm[i], self.obstacle_frame[0] @ self.displaced(i)
         across = ti.Matrix.identity(self.fp, 3)
         if ti.static(not self.is_sphere):
             arm[2], moved[2], across[2, 2] = 0.0, 0.0, 0.0
@@ -80,8 +93,8 @@ class BoxTerm(_Turned):
     @ti.func
     def distance(self, i):
         """Gap of node ``i``, its gradient and its second derivative."""
-        place = self.node_arm[i] + self.obstacle_frame[None] @ self.displaced(i)
-        size = self.obstacle_size[None]
+        place = self.node_arm[i] + self.obstacle_frame[0] @ self.displaced(i)
+        size = self.obstacle_size[0]
         beyond = ti.Vector.zero(self.fp, 3)
         side = ti.Vector.zero(self.fp, 3)
         for c in ti.static(range(3)):
@@ -113,8 +126,8 @@ class DrumTerm(_Turned):
     @ti.func
     def distance(self, i):
         """Gap of node ``i``, its gradient and its second derivative."""
-        place = self.node_arm[i] + self.obstacle_frame[None] @ self.displaced(i)
-        size = self.obstacle_size[None]
+        place = self.node_arm[i] + self.obstacle_frame[0] @ self.displaced(i)
+        size = self.obstacle_size[0]
         radius = ti.max(ti.sqrt(place[0] ** 2 + place[1] ** 2), ti.cast(1e-30, self.fp))
         outward = ti.Vector([place[0] / radius, place[1] / radius, ti.cast(0.0, self.fp)])
         around = ti.Vector([-outward[1], outward[0], ti.cast(0.0, self.fp)])

@@ -8,7 +8,7 @@ Where it has a potential, and where not: :mod:`taichi_membrane.mechanics.rim`.
 import numpy as np
 
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import fill
+from taichi_membrane.mechanics.nodes import fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -22,14 +22,14 @@ class Pressure:
         self.kind, self.windy = structure.features().pressure, structure.features().wind
         self.used = self.kind != "none" or self.windy
         if self.kind != "none":
-            self.chamber_pressure = ti.field(fp, shape=structure.chamber_count)
+            self.chamber_pressure = ti.field(fp, shape=room(structure.chamber_count))
         if self.kind == "by_chamber":
-            self.tri_chamber = ti.field(ti.i32, shape=structure.mesh.tri_count)
+            self.tri_chamber = ti.field(ti.i32, shape=room(structure.mesh.tri_count))
         if self.kind == "by_side":
-            self.tri_sides = ti.Vector.field(2, ti.i32, shape=structure.mesh.tri_count)  # behind, ahead
+            self.tri_sides = ti.Vector.field(2, ti.i32, shape=room(structure.mesh.tri_count))  # behind, ahead
 
         if self.windy:
-            self.tri_wind = ti.field(fp, shape=structure.mesh.tri_count)
+            self.tri_wind = ti.field(fp, shape=room(structure.mesh.tri_count))
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure fits, where it fits the nodes and triangles."""

@@ -24,7 +24,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+import scipy
 
 from taichi_membrane.algebra.krylov import Found, gmres
 from taichi_membrane.algebra.protocol import Factor
@@ -284,11 +284,11 @@ class SkewFactor:
         if wanted == size:
             inverse = np.linalg.eigvals(np.array([inverse_times(column) for column in np.eye(size)]).T)
         else:
-            operator = LinearOperator((size, size), matvec=inverse_times, dtype=np.float64)
+            operator = scipy.sparse.linalg.LinearOperator((size, size), matvec=inverse_times, dtype=np.float64)
             start = np.random.default_rng(0).standard_normal(size)
             try:
-                inverse = eigs(operator, k=wanted, which="LM", v0=start, return_eigenvectors=False)
-            except ArpackNoConvergence as error:
+                inverse = scipy.sparse.linalg.eigs(operator, k=wanted, which="LM", v0=start, return_eigenvectors=False)
+            except scipy.sparse.linalg.ArpackNoConvergence as error:
                 inverse = error.eigenvalues
         real = np.abs(inverse.imag) <= _IN_PLANE * np.abs(inverse)
         which = f"of the tangent's {size} eigenvalues" + (f" the {wanted} nearest zero" if wanted < size else "")

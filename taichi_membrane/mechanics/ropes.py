@@ -13,7 +13,7 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import element
-from taichi_membrane.mechanics.nodes import Nodes, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -30,11 +30,13 @@ class RopeTerm:
         self.nodes, self.fp, self.dtype = nodes, nodes.fp, nodes.dtype
         ropes = structure.ropes
         self.bounds = ti.types.struct(count=ti.i32, slot=ti.i32, pair=ti.i32).field(shape=())
-        self.rope_node = ti.field(ti.i32, shape=len(ropes.chain))
-        self.rope_pull = ti.Vector.field(3, nodes.fp, shape=len(ropes.chain))  # b
-        self.rope_place = ti.Vector.field(4, ti.i32, shape=ropes.count)  # first node, their number, first pair, closed
+        self.rope_node = ti.field(ti.i32, shape=room(len(ropes.chain)))
+        self.rope_pull = ti.Vector.field(3, nodes.fp, shape=room(len(ropes.chain)))  # b
+        self.rope_place = ti.Vector.field(
+            4, ti.i32, shape=room(ropes.count)
+        )  # first node, their number, first pair, closed
         # Length of the pieces at rest less L, L, T₀, EA.
-        self.rope_constants = ti.Vector.field(4, nodes.fp, shape=ropes.count)
+        self.rope_constants = ti.Vector.field(4, nodes.fp, shape=room(ropes.count))
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure's sliding cables fit these fields."""
@@ -50,15 +52,27 @@ class RopeTerm:
         self.structure, self.ropes = structure, ropes
         others = 0 if structure.cables is None else len(structure.cables.nodes)
         slot, pair = structure.cable_start
-        self.bounds[None] = {"count": ropes.count, "slot": slot + 2 * others, "pair": pair + others}
         ends = structure.points[ropes.sides]
         first = np.concatenate([[0], np.cumsum(ropes.side_counts)])[:-1]
         rest = np.add.reduceat(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), first)
         place = np.column_stack([ropes.start[:-1], np.diff(ropes.start), ropes.pair_start[:-1], ropes.closed])
         constants = np.column_stack([rest - ropes.length, ropes.length, ropes.prestress, ropes.stiffness])
-        fill(self.rope_node, ropes.chain.astype(np.int32))
-        fill(self.rope_place, place.astype(np.int32))
-        fill(self.rope_constants, constants.astype(self.dtype))
+        bounds = np.array([ropes.count, slot + 2 * others, pair + others], dtype=np.int32)
+        self._write(ropes.chain.astype(np.int32), place.astype(np.int32), constants.astype(self.dtype), bounds)
+
+    @ti.kernel
+    def _write(self, chain: Array, place: Array, constants: Array, bounds: Array):
+        """All in one kernel; each number written from the host would be one."""
+        for i in range(chain.shape[0]):
+            self.rope_node[i] = chain[i]
+            if i == 0:
+                self.bounds[None].count = bounds[0]
+                self.bounds[None].slot = bounds[1]
+                self.bounds[None].pair = bounds[2]
+            if i < place.shape[0]:
+                for c in ti.static(range(4)):
+                    self.rope_place[i][c] = place[i, c]
+                    self.rope_constants[i][c] = constants[i, c]
 
     @ti.func
     def count(self):
@@ -86,7 +100,7 @@ class RopeTerm:
         """Force and stiffness EA/L of cable ``e``; both zero where it is slack."""
         extension = self.rope_constants[e][0]
         for k in range(self.pieces(e)):
-            _, _, growth = self.piece(e, k)
+            _side, _length, growth = self.piece(e, k)
             extension += growth
         stiffness = self.rope_constants[e][3] / self.rope_constants[e][1]
         force = self.rope_constants[e][2] + stiffness * extension
@@ -99,12 +113,12 @@ class RopeTerm:
     def store_forces(self, e):
         """Forces of cable ``e`` on its nodes."""
         place = self.rope_place[e]
-        force, _ = self.state(e)
+        force, _stiffness = self.state(e)
         first = self.bounds[None].slot + place[0]
         for k in range(place[1]):
             self.nodes.slot_force[first + k] = ti.Vector.zero(self.fp, 3)
         for k in range(self.pieces(e)):
-            side, length, _ = self.piece(e, k)
+            side, length, _growth = self.piece(e, k)
             pull = force / length * side
             self.add(self.nodes.slot_force, first + k, pull)
             self.add(self.nodes.slot_force, first + (k + 1) % place[1], -pull)
@@ -117,7 +131,7 @@ class RopeTerm:
     @ti.func
     def energy(self, e):
         """Stored energy T² L/(2 EA); no work."""
-        force, _ = self.state(e)
+        force, _stiffness = self.state(e)
         stored = 0.5 * force**2 * self.rope_constants[e][1] / self.rope_constants[e][3]
         return ti.Vector([stored, ti.cast(0.0, self.fp)])
 
@@ -125,13 +139,13 @@ class RopeTerm:
     def store_bounds(self, e):
         """Stiffness bound of cable ``e`` at each of its nodes, see the module's text; a slack one counts as taut."""
         place = self.rope_place[e]
-        force, _ = self.state(e)
+        force, _stiffness = self.state(e)
         first, pieces = self.bounds[None].slot + place[0], self.pieces(e)
         along = self.rope_constants[e][3] / self.rope_constants[e][1] * pieces
         for k in range(place[1]):
             self.nodes.slot_force[first + k] = ti.Vector.zero(self.fp, 3)
         for k in range(pieces):
-            _, length, _ = self.piece(e, k)
+            _side, length, _growth = self.piece(e, k)
             bound = ti.Vector([along + force / length, 0.0, 0.0])
             self.add(self.nodes.slot_force, first + k, bound)
             self.add(self.nodes.slot_force, first + (k + 1) % place[1], bound)
@@ -145,7 +159,7 @@ class RopeTerm:
         for a in range(number):
             self.rope_pull[place[0] + a] = ti.Vector.zero(self.fp, 3)
         for k in range(self.pieces(e)):
-            side, length, _ = self.piece(e, k)
+            side, length, _growth = self.piece(e, k)
             self.add(self.rope_pull, place[0] + k, -side / length)
             self.add(self.rope_pull, place[0] + (k + 1) % number, side / length)
         pair = self.bounds[None].pair + place[2]
@@ -156,7 +170,7 @@ class RopeTerm:
                 pair_block[pair] = stiffness * b_a.outer_product(self.rope_pull[place[0] + c])
                 pair += 1
         for k in range(self.pieces(e)):
-            side, length, _ = self.piece(e, k)
+            side, length, _growth = self.piece(e, k)
             block = element.side_curvature(force, side, length, 1.0 / length, False)
             other = (k + 1) % number
             self.add(slot_block, slot + k, block)
@@ -168,7 +182,7 @@ class RopeTerm:
     @ti.kernel
     def _state_kernel(self, out: ti.types.ndarray()):
         for e in range(self.bounds[None].count):
-            force, _ = self.state(e)
+            force, _stiffness = self.state(e)
             out[e] = force
 
     def forces(self) -> Floats:

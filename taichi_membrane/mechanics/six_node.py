@@ -233,9 +233,10 @@ class SixNodeTriangles(NaturalTriangles):
         s = t * self.samples + p
         natural, side_force, gradient, length, factor = self.side_stiffness(t, s, k, at_rest, stretch, variant)
         sides = at_rest + stretch
-        own_1 = self.corner_block(1, 1, natural, side_force, gradient, sides, length, factor, variant)
-        own_2 = self.corner_block(2, 2, natural, side_force, gradient, sides, length, factor, variant)
-        both = self.corner_block(1, 2, natural, side_force, gradient, sides, length, factor, variant)
+        slope, curvature, change = self.corner_parts(natural, side_force, gradient, sides, length, factor, variant)
+        own_1 = self.corner_block(1, 1, slope, curvature, change)
+        own_2 = self.corner_block(2, 2, slope, curvature, change)
+        both = self.corner_block(1, 2, slope, curvature, change)
         turned = both.transpose()
         for n in range(_BLOCK_COUNT):
             nodes = self.block_node[n]

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from taichi_membrane.mechanics.body import parts_of
 from taichi_membrane.mechanics.preparation import Floats, Ints
@@ -77,7 +77,7 @@ class Skew:
         return np.unique(self._blocks.rows)
 
     @cached_property
-    def matrix(self) -> sparse.csr_matrix:
+    def matrix(self) -> scipy.sparse.csr_matrix:
         """Z over the components of ``ends``, in the supports' axes, zero at held ones."""
         structure, blocks = self.structure, self._blocks
         row, column = np.searchsorted(self.ends, blocks.rows), np.searchsorted(self.ends, blocks.columns)
@@ -89,7 +89,7 @@ class Skew:
         i, j = np.meshgrid(np.arange(3), np.arange(3), indexing="ij")
         places = ((3 * row[:, None, None] + i).ravel(), (3 * column[:, None, None] + j).ravel())
         size = 3 * len(self.ends)
-        return sparse.csr_matrix((values.ravel(), places), shape=(size, size))
+        return scipy.sparse.csr_matrix((values.ravel(), places), shape=(size, size))
 
     def times(self, vector: Floats, *, transposed: bool = False) -> Floats:
         """Z, or Zᵀ = -Z, times a vector (node_count, 3)."""

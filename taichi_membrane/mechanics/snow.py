@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import fill
+from taichi_membrane.mechanics.nodes import fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -27,8 +27,8 @@ class Snow:
     def __init__(self, structure: Structure, fp, dtype) -> None:
         self.fp, self.dtype, self.used = fp, dtype, structure.features().snow
         if self.used:
-            self.tri_snow = ti.field(fp, shape=structure.mesh.tri_count)
-            self.snow_direction = ti.Vector.field(3, fp, shape=())
+            self.tri_snow = ti.field(fp, shape=room(structure.mesh.tri_count))
+            self.snow_direction = ti.Vector.field(3, fp, shape=1)
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure of the same features fits, where its triangles do."""
@@ -39,7 +39,7 @@ class Snow:
         self.loads = structure.snow
         self.now: Floats | None = None
         if self.loads is not None:
-            self.snow_direction[None] = self.loads.direction.tolist()
+            fill(self.snow_direction, self.loads.direction[None].astype(self.dtype))
             self.set(np.zeros(self.loads.share.shape[1]))
 
     def set(self, values: Floats) -> None:
@@ -61,14 +61,14 @@ class Snow:
     @ti.func
     def corner_force(self, t, side_1, side_2):
         """Force on each of the three corners of triangle ``t``."""
-        down = self.snow_direction[None]
+        down = self.snow_direction[0]
         plan = ti.max(-side_1.cross(side_2).dot(down), ti.cast(0.0, self.fp))
         return self.tri_snow[t] / 6.0 * plan * down
 
     @ti.func
     def stiffness(self, t, side_m, side_n, side_1, side_2):
         """Symmetric part of -∂f_m/∂x_n of triangle ``t``, for two corners, the same or not, and their opposite sides."""
-        down = self.snow_direction[None]
+        down = self.snow_direction[0]
         size = self.tri_snow[t] / 12.0
         if side_1.cross(side_2).dot(down) >= 0.0:
             size *= 0.0

@@ -6,7 +6,7 @@ One that bears tension only resists motion along d alone, one that bears compres
 import numpy as np
 
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import Nodes, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, room
 from taichi_membrane.mechanics.preparation import Floats, gather_lists
 from taichi_membrane.mechanics.structure import Structure
 
@@ -18,8 +18,8 @@ class SpringTerm:
     def __init__(self, nodes: Nodes, structure: Structure) -> None:
         assert structure.springs is not None  # else there is no such term
         self.nodes, self.fp, self.dtype = nodes, nodes.fp, nodes.dtype
-        size = len(structure.springs.nodes)
-        self.spring_start = ti.field(ti.i32, shape=structure.node_count + 1)
+        size = room(len(structure.springs.nodes))
+        self.spring_start = ti.field(ti.i32, shape=room(structure.node_count) + 1)
         self.spring_direction = ti.Vector.field(3, nodes.fp, shape=size)
         self.spring_constants = ti.Vector.field(3, nodes.fp, shape=size)  # k, k where u_d > 0, k where u_d < 0
 
@@ -39,9 +39,17 @@ class SpringTerm:
         start, order = gather_lists(one.nodes, structure.node_count)
         self.springs, self.node_count = one, structure.node_count
         constants = np.column_stack([one.stiffness, one.stiffness * (one.kind >= 0), one.stiffness * (one.kind <= 0)])
-        fill(self.spring_start, start)
-        fill(self.spring_direction, one.direction[order].astype(self.dtype))
-        fill(self.spring_constants, constants[order].astype(self.dtype))
+        self._write(start, one.direction[order].astype(self.dtype), constants[order].astype(self.dtype))
+
+    @ti.kernel
+    def _write(self, start: Array, direction: Array, constants: Array):
+        for i in range(ti.max(start.shape[0], direction.shape[0])):
+            if i < start.shape[0]:
+                self.spring_start[i] = start[i]
+            if i < direction.shape[0]:
+                for c in ti.static(range(3)):
+                    self.spring_direction[i][c] = direction[i, c]
+                    self.spring_constants[i][c] = constants[i, c]
 
     @ti.func
     def moved(self, i, s):

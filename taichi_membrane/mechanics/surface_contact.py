@@ -10,7 +10,7 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics.contact import ContactTerm
-from taichi_membrane.mechanics.nodes import Nodes, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -28,16 +28,18 @@ class SurfaceTerm(ContactTerm):
         super().__init__(nodes, structure, number)
         facets = structure.obstacles[number].facets
         assert facets is not None  # else it is no surface
-        fp, count, grid = nodes.fp, len(facets.triangles), facets.grid
+        fp, count, grid = nodes.fp, room(len(facets.triangles)), facets.grid
         self.sign = -1.0 if structure.obstacles[number].hollow else 1.0
-        self.node_arm = ti.Vector.field(3, fp, shape=structure.node_count)  # from the grid's lowest corner at rest
+        self.node_arm = ti.Vector.field(
+            3, fp, shape=room(structure.node_count)
+        )  # from the grid's lowest corner at rest
         self.facet_corner = ti.Matrix.field(3, 3, fp, shape=count)  # rows
         self.facet_normal = ti.Vector.field(3, fp, shape=count)
         self.facet_pseudo = ti.Matrix.field(6, 3, fp, shape=count)  # of corners, then of edges
-        self.cell_start = ti.field(ti.i32, shape=len(grid.start))
-        self.cell_facet = ti.field(ti.i32, shape=len(grid.triangles))
-        self.grid_count = ti.Vector.field(3, ti.i32, shape=())
-        self.grid_size = ti.Vector.field(2, fp, shape=())  # side of a cell, offset
+        self.cell_start = ti.field(ti.i32, shape=room(len(grid.start)))
+        self.cell_facet = ti.field(ti.i32, shape=room(len(grid.triangles)))
+        self.grid_count = ti.Vector.field(3, ti.i32, shape=1)
+        self.grid_size = ti.Vector.field(2, fp, shape=1)  # side of a cell, offset
 
     def accepts(self, structure: Structure) -> bool:
         """Whether another structure fits, where its nodes do."""
@@ -56,14 +58,31 @@ class SurfaceTerm(ContactTerm):
         facets = structure.obstacles[self.number].facets
         assert facets is not None
         grid = self.grid = facets.grid
-        fill(self.facet_corner, (facets.corners - grid.low).astype(self.dtype))
-        fill(self.facet_normal, facets.normals.astype(self.dtype))
-        fill(self.facet_pseudo, np.concatenate(facets.pseudo_normals, axis=1).astype(self.dtype))
-        fill(self.cell_start, grid.start.astype(np.int32))
-        fill(self.cell_facet, grid.triangles.astype(np.int32))
-        self.grid_count[None] = grid.count.tolist()
-        self.grid_size[None] = [grid.size, structure.obstacles[self.number].offset]
+        self._write(
+            (facets.corners - grid.low).astype(self.dtype),
+            facets.normals.astype(self.dtype),
+            np.concatenate(facets.pseudo_normals, axis=1).astype(self.dtype),
+            grid.start.astype(np.int32),
+            grid.triangles.astype(np.int32),
+        )
+        fill(self.grid_count, grid.count[None].astype(np.int32))
+        fill(self.grid_size, np.array([[grid.size, structure.obstacles[self.number].offset]], dtype=self.dtype))
         super().upload(structure)
+
+    @ti.kernel
+    def _write(self, corner: Array, normal: Array, pseudo: Array, start: Array, facet: Array):
+        for i in range(ti.max(normal.shape[0], start.shape[0], facet.shape[0])):
+            if i < normal.shape[0]:
+                for c in ti.static(range(3)):
+                    self.facet_normal[i][c] = normal[i, c]
+                    for j in ti.static(range(3)):
+                        self.facet_corner[i][j, c] = corner[i, j, c]
+                    for j in ti.static(range(6)):
+                        self.facet_pseudo[i][j, c] = pseudo[i, j, c]
+            if i < start.shape[0]:
+                self.cell_start[i] = start[i]
+            if i < facet.shape[0]:
+                self.cell_facet[i] = facet[i]
 
     def settle(self, points: Floats, offset: Floats) -> Floats:
         """Places of the nodes at rest; no gaps are needed."""
@@ -99,10 +118,10 @@ class SurfaceTerm(ContactTerm):
     @ti.func
     def cell(self, place):
         """Number of the cell of a place, or of the one nearest to it."""
-        count = self.grid_count[None]
+        count = self.grid_count[0]
         number = 0
         for c in ti.static(range(3)):
-            along = ti.cast(ti.floor(ti.min(ti.max(place[c] / self.grid_size[None][0], -1.0), 1e6)), ti.i32)
+            along = ti.cast(ti.floor(ti.min(ti.max(place[c] / self.grid_size[0][0], -1.0), 1e6)), ti.i32)
             number = number * count[c] + ti.min(ti.max(along, 0), count[c] - 1)
         return number
 
@@ -142,4 +161,4 @@ class SurfaceTerm(ContactTerm):
                         along = self.facet_corner[facet][(k + 2) % 3, :] - self.facet_corner[facet][(k + 1) % 3, :]
                         curvature -= along.outer_product(along) * (side / (away * along.dot(along)))
         sign = ti.cast(self.sign, self.fp)
-        return sign * gap - self.grid_size[None][1], sign * normal, sign * curvature
+        return sign * gap - self.grid_size[0][1], sign * normal, sign * curvature

@@ -158,15 +158,16 @@ class System(Nodes):
     # ---- energy
 
     @ti.kernel
-    def _potential_kernel(self):
+    def _potential_kernel(self, out: ti.types.ndarray()):
         for block in range(self.triangles.bounds[None].blocks):
             total = ti.Vector.zero(self.fp, 2)
             for t in range(self.triangles.first(block), self.triangles.first(block + 1)):
                 total += self.triangles.energy(t)
-            self.block_sum[block] = total
+            for c in ti.static(range(2)):
+                out[block, c] = total[c]
 
     @ti.kernel
-    def _other_potential_kernel(self):
+    def _other_potential_kernel(self, out: ti.types.ndarray()):
         """Adds what terms beside the triangles store; a kernel of its own, so that without them nothing changes in the first."""
         for block in range(self.triangles.bounds[None].blocks):
             blocks = self.triangles.bounds[None].blocks
@@ -179,14 +180,16 @@ class System(Nodes):
             for i in range(block * length, ti.min((block + 1) * length, self.bounds[None].nodes)):
                 for term in ti.static(self.node_terms):
                     total[0] += term.energy(i)
-            self.block_sum[block] += total
+            for c in ti.static(range(2)):
+                out[block, c] = out[block, c] + total[c]
 
     def potential_energy(self, loads: Floats) -> tuple[float, float]:
         """Total potential (stored energy less work of pressure and dead loads) and stored energy, force times length."""
-        self._potential_kernel()
+        sums = np.zeros((self.triangles.block_count, 2), dtype=self.dtype)
+        self._potential_kernel(sums)
         if len(self.terms) > 1 or self.node_terms:
-            self._other_potential_kernel()
-        stored, work = self.block_sum.to_numpy()[: self.triangles.block_count].astype(np.float64).sum(axis=0)
+            self._other_potential_kernel(sums)
+        stored, work = sums.astype(np.float64).sum(axis=0)
         displacement = self.displacement()
         done = sum(rigid.work(displacement) for rigid in self.rigid)
         return float(stored - work - np.vdot(loads, displacement) - done), float(stored)

@@ -5,8 +5,8 @@ elements' in fixed order, as many as there are.
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from taichi_membrane.algebra.elimination import Elimination, eliminate
 from taichi_membrane.algebra.protocol import DIRECT, Algebra
@@ -14,11 +14,12 @@ from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import preparation
 from taichi_membrane.mechanics.bodies import ORDINARY
-from taichi_membrane.mechanics.nodes import Array
+from taichi_membrane.mechanics.nodes import Array, room
 from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.reduction import Reduction
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.system import System
+from taichi_membrane.mechanics.vectors import outer
 
 
 @ti.data_oriented
@@ -29,7 +30,8 @@ class Tangent:
         self.system, self.algebra = system, algebra
         structure = system.structure
         nodes, slots = system.node_rest.shape[0], system.node_slot.shape[0]
-        edges, pairs = len(structure.edges), len(structure.pairs)
+        pairs = room(len(structure.pairs), 3 if structure.mesh.order == 1 else 15)
+        edges = room(len(structure.edges), 2 if structure.mesh.order == 1 else 8)
         self.edge_count = ti.field(ti.i32, shape=())
         self.slot_block = ti.Matrix.field(3, 3, system.fp, shape=slots)
         self.pair_block = ti.Matrix.field(3, 3, system.fp, shape=pairs)
@@ -86,17 +88,19 @@ class Tangent:
     def _write(
         self, node_block: Array, edge_block: Array, edge_node: Array, edge_start: Array, edge_pair: Array,
     ):  # fmt: skip
-        self.edge_count[None] = edge_block.shape[0]
-        for i in range(node_block.shape[0]):
-            self.node_block[i] = node_block[i]
-        for e in range(edge_block.shape[0]):
-            self.edge_block[e] = edge_block[e]
-            for c in ti.static(range(2)):
-                self.edge_node[e][c] = edge_node[e, c]
-        for e in range(edge_start.shape[0]):
-            self.edge_start[e] = edge_start[e]
-        for p in range(edge_pair.shape[0]):
-            self.edge_pair[p] = edge_pair[p]
+        for i in range(ti.max(node_block.shape[0], edge_start.shape[0], edge_pair.shape[0])):
+            if i == 0:
+                self.edge_count[None] = edge_block.shape[0]
+            if i < node_block.shape[0]:
+                self.node_block[i] = node_block[i]
+            if i < edge_block.shape[0]:
+                self.edge_block[i] = edge_block[i]
+                for c in ti.static(range(2)):
+                    self.edge_node[i][c] = edge_node[i, c]
+            if i < edge_start.shape[0]:
+                self.edge_start[i] = edge_start[i]
+            if i < edge_pair.shape[0]:
+                self.edge_pair[i] = edge_pair[i]
 
     @ti.kernel
     def _assemble(self, out: ti.types.ndarray()):
@@ -141,10 +145,11 @@ class Tangent:
     @ti.func
     def write_block(self, number, block, row, column, out: ti.template()):
         """A block that couples nodes ``row`` and ``column``, with zeros at held components."""
+        free = outer(1 - self.system.node_held[row], 1 - self.system.node_held[column])
+        kept = ti.select(free == 1, block, ti.Matrix.zero(self.system.fp, 3, 3))
         for i in ti.static(range(3)):
             for j in ti.static(range(3)):
-                free = (1 - self.system.node_held[row][i]) * (1 - self.system.node_held[column][j])
-                out[number, i, j] = ti.select(free == 1, block[i, j], ti.cast(0.0, self.system.fp))
+                out[number, i, j] = kept[i, j]
 
     def assemble(self) -> Floats:
         """Blocks of the lower triangle (block_count, 3, 3) at the present displacements and pressures, of the freedoms; the same
@@ -217,7 +222,7 @@ class Tangent:
         numbers = elimination.edge_block[some]
         blocks[numbers] = left[row[some]] @ blocks[numbers] @ left[column[some]]
 
-    def matrix(self) -> sparse.csr_matrix:
+    def matrix(self) -> scipy.sparse.csr_matrix:
         """The present tangent as a whole sparse matrix over 3 · node_count components, held ones as in :meth:`assemble`."""
         blocks, elimination = self.assemble(), self.elimination
         column, row = elimination.edge_node.T
@@ -228,4 +233,4 @@ class Tangent:
         i, j = np.meshgrid(np.arange(3), np.arange(3), indexing="ij")
         rows, columns = 3 * block_row[:, None, None] + i, 3 * block_column[:, None, None] + j
         size = 3 * self.system.node_count
-        return sparse.csr_matrix((data.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
+        return scipy.sparse.csr_matrix((data.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))

@@ -104,17 +104,16 @@ class Triangles(NaturalTriangles):
         density = self.energy_density(t, t, self.fabric_number(t), rest, stretch)
         work = ti.cast(0.0, self.fp)
         if ti.static(self.pressure.used):
-            work = self.pressure.on(t) * self.swept_by(t)
+            work = self.pressure.on(t) * self.swept_by(t, rest, stretch)
         if ti.static(self.water.used):
             sides = rest + stretch
             work += self.water.work(t, self.tri_node[t], sides[1, :].cross(sides[2, :]))
         return ti.Vector([self.tri_volume[t] * density, work])
 
     @ti.func
-    def swept_by(self, t):
-        """Volume swept by a triangle since rest."""
+    def swept_by(self, t, rest, stretch):
+        """Volume swept by a triangle since rest, whose sides are given."""
         nodes = self.tri_node[t]
-        rest, stretch = self.sides(t)
         moved = ti.static(self.nodes.node_displacement)
         total = moved[nodes[0]] + moved[nodes[1]] + moved[nodes[2]]
         return element.swept_volume(
@@ -140,9 +139,10 @@ class Triangles(NaturalTriangles):
         natural, side_force, gradient, length, factor = self.side_stiffness(t, t, k, rest, stretch, variant)
         pressure = self.pressure.on(t)
         sides = rest + stretch
+        slope, curvature, change = self.corner_parts(natural, side_force, gradient, sides, length, factor, variant)
         for number in ti.static(range(6)):
             first, second = ti.static(element.BLOCKS[number][0], element.BLOCKS[number][1])
-            block = self.corner_block(first, second, natural, side_force, gradient, sides, length, factor, variant)
+            block = self.corner_block(first, second, slope, curvature, change)
             if ti.static(first != second and self.pressure.used):
                 block += element.pressure_stiffness(pressure, sides[first, :], sides[second, :])
             if ti.static(self.snow.used):

@@ -12,7 +12,7 @@ import numpy as np
 
 from taichi_membrane.algebra.elimination import Elimination
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import Array, Nodes, fill
+from taichi_membrane.mechanics.nodes import Array, Nodes, room
 from taichi_membrane.mechanics.preparation import Floats, Ints, gather_lists
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.mechanics.wall_search import Found
@@ -24,7 +24,7 @@ class WallTerm:
 
     def __init__(self, nodes: Nodes, structure: Structure) -> None:
         self.nodes, self.fp, self.dtype = nodes, nodes.fp, nodes.dtype
-        count = structure.node_count
+        count = room(structure.node_count)
         self.wall_node = ti.Vector.field(4, ti.i32, shape=2 * count)
         self.wall_share = ti.Vector.field(4, nodes.fp, shape=2 * count)  # c
         self.wall_normal = ti.Vector.field(3, nodes.fp, shape=2 * count)
@@ -60,13 +60,32 @@ class WallTerm:
             self.wall_base_rest.copy_from(self.nodes.node_displacement_rest)
         rest = np.einsum("ij,ijk->ik", self.shares, points[self.ends])
         gap = np.einsum("ij,ij->i", rest, found.normal)
-        fill(self.wall_node, self.ends.astype(np.int32))
-        fill(self.wall_share, self.shares.astype(self.dtype))
-        fill(self.wall_normal, found.normal.astype(self.dtype))
-        fill(self.wall_value, np.column_stack([gap, stiffness, multiplier]).astype(self.dtype))
         start, ends = gather_lists(self.ends.ravel().astype(np.int32), self.structure.node_count)
-        fill(self.wall_start, start.astype(np.int32))
-        fill(self.wall_end, ends.astype(np.int32))
+        vectors = np.concatenate([self.shares, found.normal, np.column_stack([gap, stiffness, multiplier])], axis=1)
+        # Arrays of nothing have no address: a row that nobody looks at stands for them.
+        one_more = np.zeros((1, 4), dtype=np.int32)
+        self._write(
+            np.concatenate([self.ends.astype(np.int32), one_more]),
+            np.concatenate([vectors, np.zeros((1, 10))]).astype(self.dtype),
+            start.astype(np.int32),
+            np.concatenate([ends.astype(np.int32), one_more[0]]),
+            len(self.ends),
+        )
+
+    @ti.kernel
+    def _write(self, node: Array, vectors: Array, start: Array, end: Array, count: int):
+        for i in range(ti.max(start.shape[0], 4 * count)):
+            if i < count:
+                for c in ti.static(range(4)):
+                    self.wall_node[i][c] = node[i, c]
+                    self.wall_share[i][c] = vectors[i, c]
+                for c in ti.static(range(3)):
+                    self.wall_normal[i][c] = vectors[i, 4 + c]
+                    self.wall_value[i][c] = vectors[i, 7 + c]
+            if i < start.shape[0]:
+                self.wall_start[i] = start[i]
+            if i < 4 * count:
+                self.wall_end[i] = end[i]
 
     # ---- on the device
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from taichi_membrane.arrays import Floats, Ints
 from taichi_membrane.mechanics.wall_search import SAME, Walls, closest
@@ -13,7 +13,7 @@ from taichi_membrane.mechanics.wall_search import SAME, Walls, closest
 
 def _near(at: Floats, reach: Floats, middle: Floats, radius: Floats) -> tuple[Ints, Ints]:
     """Numbers of balls about ``middle`` and of others about ``at`` that may meet."""
-    lists: Any = cKDTree(at).query_ball_point(middle, radius + float(reach.max()), return_sorted=True)
+    lists: Any = scipy.spatial.cKDTree(at).query_ball_point(middle, radius + float(reach.max()), return_sorted=True)
     number = np.repeat(np.arange(len(middle)), [len(one) for one in lists])
     other = np.concatenate([np.zeros(0), *lists]).astype(np.int64)
     meet = np.linalg.norm(middle[number] - at[other], axis=1) <= radius[number] + reach[other]

@@ -13,10 +13,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from taichi_membrane.arrays import Floats, Ints
 from taichi_membrane.mesh import Mesh
@@ -66,31 +64,33 @@ class Walls:
         return float(np.linalg.norm(np.ptp(self.mesh.points, axis=0)))
 
     @cached_property
-    def _at_node(self) -> sparse.csr_matrix:
+    def _at_node(self) -> scipy.sparse.csr_matrix:
         rows = np.repeat(np.arange(len(self.corners)), 3)
         ones = np.ones(len(rows), dtype=np.int32)
-        return sparse.csr_matrix((ones, (rows, self.corners.ravel())), shape=(len(self.corners), self.mesh.node_count))
+        return scipy.sparse.csr_matrix(
+            (ones, (rows, self.corners.ravel())), shape=(len(self.corners), self.mesh.node_count)
+        )
 
     @cached_property
-    def beside(self) -> sparse.csr_matrix:
+    def beside(self) -> scipy.sparse.csr_matrix:
         """(m, m) which elements share a node, each with itself."""
         return (self._at_node @ self._at_node.T).tocsr()
 
     @cached_property
     def parts(self) -> tuple[Ints, Ints]:
         """Number of the part that hangs together, of each node (-1 of what is no wall) and of each element."""
-        _, of_tri = connected_components(self.beside, directed=False)
+        _, of_tri = scipy.sparse.csgraph.connected_components(self.beside, directed=False)
         of_node = np.full(self.mesh.node_count, -1)
         of_node[self.corners] = of_tri[:, None]
         return of_node, np.asarray(of_tri)
 
     @cached_property
-    def wide(self) -> sparse.csr_matrix:
+    def wide(self) -> scipy.sparse.csr_matrix:
         """(m, m) elements that share a node with such."""
         return (self.beside @ self.beside).tocsr()
 
     @cached_property
-    def own(self) -> sparse.csr_matrix:
+    def own(self) -> scipy.sparse.csr_matrix:
         """(node_count, m) elements that are no partners of a node: those at it, and all that share a node with these."""
         return (self._at_node.T @ self.beside).tocsr()
 
@@ -190,7 +190,7 @@ class Search:
 
     def near(self, reach: float) -> tuple[Ints, Ints]:
         """Nodes and elements whose nearest points may be within a distance."""
-        tree, nodes = cKDTree(self.at.mean(axis=1)), self.walls.nodes
+        tree, nodes = scipy.spatial.cKDTree(self.at.mean(axis=1)), self.walls.nodes
         lists: Any = tree.query_ball_point(self.places[nodes], reach + self.radius, return_sorted=True)
         node = np.repeat(nodes, [len(one) for one in lists])
         tri = np.concatenate([np.zeros(0), *lists]).astype(np.int64)

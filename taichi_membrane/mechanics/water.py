@@ -18,7 +18,7 @@ import numpy as np
 
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import element
-from taichi_membrane.mechanics.nodes import Nodes, fill
+from taichi_membrane.mechanics.nodes import Nodes, fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -32,7 +32,9 @@ class WaterTerm:
         self.kinds = structure.features().water
         self.used = self.kinds > 0
         if self.used:
-            self.tri_water = ti.Vector.field(self.kinds, nodes.fp, shape=structure.mesh.tri_count)  # γ along the normal
+            self.tri_water = ti.Vector.field(
+                self.kinds, nodes.fp, shape=room(structure.mesh.tri_count)
+            )  # γ along the normal
             self.water_level = ti.Vector.field(4, nodes.fp, shape=self.kinds)  # upwards, and the height of the level
 
     def accepts(self, structure: Structure) -> bool:
@@ -81,7 +83,7 @@ class WaterTerm:
         """What to add to the size of a triangle's pressure in the bound of its sides' stiffness: γ (d + 2 l)."""
         total = ti.cast(0.0, self.fp)
         for k in ti.static(range(self.kinds)):
-            depth, _ = self.depths(corners, k)
+            depth, _up = self.depths(corners, k)
             total += ti.abs(self.tri_water[t][k]) * (ti.max(depth.max(), ti.cast(0.0, self.fp)) + 2.0 * longest)
         return total
 
@@ -90,7 +92,7 @@ class WaterTerm:
         """Force on each corner of triangle ``t``, as rows; ``directed`` is its doubled directed area."""
         force = ti.Matrix.zero(self.fp, 3, 3)
         for k in ti.static(range(self.kinds)):
-            depth, _ = self.depths(corners, k)
+            depth, _up = self.depths(corners, k)
             share = self.tri_water[t][k] * (wet_matrix(depth) @ depth)
             force += share.outer_product(directed)
         return force

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from taichi_membrane.mesh.check import MeshFault
 from taichi_membrane.mesh.precision import resolution
-from taichi_membrane.mesh.topology import EdgeTable
+from taichi_membrane.mesh.topology import EdgeTable, node_parts
 
 # Nodes nearer than this share of the mesh's size are one node, however many digits the coordinates have: far below any element,
 # far above round-off.
@@ -24,6 +22,8 @@ _DIGITS = 4.0
 # digits are: nodes moved by it change no element's shape by more than a thousandth.
 NEARLY = 1e-3
 _BLOCK = 20_000  # edges that are looked at together
+# As many pairs of free nodes are looked at one by one: importing SciPy's trees would take longer than most meshes do.
+_FEW_PAIRS = 100_000
 
 KEEP_APART = "open_seams = true in the scene's mesh (in Python open_seams=True) keeps them apart"
 
@@ -78,9 +78,7 @@ class Seams:
 
 def linked(pairs: NDArray[Any], count: int) -> NDArray[np.int32]:
     """One label for each of ``count`` things; those that pairs (n, 2) link, over others too, share it."""
-    rows, columns = pairs.astype(np.int32).T
-    graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), (rows, columns)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    return node_parts(pairs.astype(np.int32), count)[1]
 
 
 def seams(points: NDArray[np.float64], table: EdgeTable, distance: float) -> Seams:
@@ -90,7 +88,7 @@ def seams(points: NDArray[np.float64], table: EdgeTable, distance: float) -> Sea
     none = Seams(edges, np.empty((0, 2), dtype=np.int64), 0, 0.0)
     if not free.size:
         return none
-    near = cKDTree(points[free]).query_pairs(distance, output_type="ndarray")
+    near = _close(points[free], distance)
     if not len(near):
         return none
     place = np.zeros(len(points), dtype=np.int64)
@@ -161,6 +159,14 @@ def _at(point: NDArray[np.float64]) -> str:
     return f"({', '.join(f'{x:.6g}' for x in point.tolist())})"
 
 
+def _close(points: NDArray[np.float64], distance: float) -> NDArray[np.int64]:
+    """(n, 2) points no further from each other than a distance, the lower number first."""
+    if len(points) ** 2 > _FEW_PAIRS:
+        return np.asarray(scipy.spatial.cKDTree(points).query_pairs(distance, output_type="ndarray"))
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    return np.argwhere(np.triu(apart <= distance, 1))
+
+
 def _on_an_edge(
     points: NDArray[np.float64], triangles: NDArray[np.int32], table: EdgeTable, distance: float
 ) -> tuple[int, int, float, int]:
@@ -170,7 +176,7 @@ def _on_an_edge(
     free = np.unique(edges)
     found: list[NDArray[np.int64]] = []
     if free.size:
-        tree = cKDTree(points[free])
+        tree = None if free.size**2 <= _FEW_PAIRS else scipy.spatial.cKDTree(points[free])
         owner = table.half_edges[table.start[rows]] // 3
         for begin in range(0, len(rows), _BLOCK):
             part = slice(begin, begin + _BLOCK)
@@ -190,14 +196,20 @@ def _near_edges(
     owners: NDArray[np.int32],
     edges: NDArray[np.int32],
     free: NDArray[np.int32],
-    tree: cKDTree,
+    tree: scipy.spatial.cKDTree | None,
     distance: float,
     first: int,
 ) -> NDArray[np.int64]:
-    """(n, 2) edges, counted from ``first``, and free nodes that lie on them between their ends."""
+    """(n, 2) edges, counted from ``first``, and free nodes that lie on them between their ends.
+
+    :param tree: of the free nodes; None where all of them may be tried.
+    """
     a, b = points[edges[:, 0]], points[edges[:, 1]]
     length = np.linalg.norm(b - a, axis=1)
-    near = tree.query_ball_point(0.5 * (a + b), 0.5 * length + distance)
+    if tree is None:
+        near: Any = [np.arange(free.size)] * len(edges)
+    else:
+        near = tree.query_ball_point(0.5 * (a + b), 0.5 * length + distance)
     count = np.array([len(nodes) for nodes in near])
     edge = np.repeat(np.arange(len(edges)), count)
     node = free[np.concatenate([np.asarray(nodes, dtype=np.int64) for nodes in near])]

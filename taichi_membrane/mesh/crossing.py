@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 # Share of a product of lengths within which a signed volume is round-off: what touches does not cross.
 _TOUCH = 1e-10
@@ -40,14 +40,14 @@ def _near(centre: NDArray[np.float64], radius: NDArray[np.float64]) -> Iterator[
     By classes of size, each twice the one below, so that a few large triangles do not make every small one a neighbour of all.
     """
     size = np.floor(np.log2(radius / radius.min())).astype(np.int64)
-    trees: list[tuple[NDArray[np.int64], cKDTree, float]] = []
+    trees: list[tuple[NDArray[np.int64], scipy.spatial.cKDTree, float]] = []
     for value in np.unique(size).tolist():
         own = np.flatnonzero(size == value)
-        tree = cKDTree(centre[own])
+        tree = scipy.spatial.cKDTree(centre[own])
         largest = float(radius[own].max())
         for begin in range(0, len(own), _BLOCK):
             part = own[begin : begin + _BLOCK]
-            block = cKDTree(centre[part])
+            block = scipy.spatial.cKDTree(centre[part])
             for members, other, reach in [*trees, (own, tree, largest)]:
                 near = block.sparse_distance_matrix(other, largest + reach, output_type="ndarray")
                 pairs = np.column_stack((part[near["i"]], members[near["j"]]))

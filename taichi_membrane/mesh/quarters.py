@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from taichi_membrane.mesh import quadratic
 from taichi_membrane.mesh.check import frozen
@@ -37,7 +37,7 @@ class Quartered:
     """
 
     mesh: Mesh
-    prolongation: sparse.csr_matrix
+    prolongation: scipy.sparse.csr_matrix
 
 
 def quartered(mesh: Mesh, place: Place | None) -> Quartered:
@@ -78,8 +78,8 @@ def quartered(mesh: Mesh, place: Place | None) -> Quartered:
     )
     number = np.concatenate([np.arange(count), total + np.arange(mesh.node_count + len(mesh.loose_points) - count)])
     made = _with_others(made, mesh, own, number, table, count)
-    extra = sparse.identity(mesh.node_count - count, format="csr")
-    return Quartered(made, sparse.csr_matrix(sparse.block_diag([prolongation, extra], format="csr")))
+    extra = scipy.sparse.identity(mesh.node_count - count, format="csr")
+    return Quartered(made, scipy.sparse.csr_matrix(scipy.sparse.block_diag([prolongation, extra], format="csr")))
 
 
 def _edge_of_side(table: EdgeTable, tri_count: int) -> Numbers:
@@ -89,25 +89,25 @@ def _edge_of_side(table: EdgeTable, tri_count: int) -> Numbers:
     return np.roll(found.reshape(-1, 3), 2, axis=1)  # half-edge c is opposite corner c + 2
 
 
-def _halves(table: EdgeTable, count: int) -> sparse.csr_matrix:
+def _halves(table: EdgeTable, count: int) -> scipy.sparse.csr_matrix:
     """Prolongation to the middles of edges, halfway between their ends."""
     edges = len(table.nodes)
-    new = sparse.csr_matrix(
+    new = scipy.sparse.csr_matrix(
         (np.full(2 * edges, 0.5), (np.repeat(np.arange(edges), 2), table.nodes.ravel())), shape=(edges, count)
     )
-    return sparse.csr_matrix(sparse.vstack([sparse.identity(count, format="csr"), new], format="csr"))
+    return scipy.sparse.csr_matrix(scipy.sparse.vstack([scipy.sparse.identity(count, format="csr"), new], format="csr"))
 
 
-def _within(mesh: Mesh, amid: Numbers, count: int, edges: int) -> sparse.csr_matrix:
+def _within(mesh: Mesh, amid: Numbers, count: int, edges: int) -> scipy.sparse.csr_matrix:
     """Prolongation to nodes amid the sides of the four triangles that six-node ones are cut in, by their shape functions."""
     rows, first = np.unique(amid.ravel(), return_index=True)
     parent, which = np.divmod(first, 12)
     weights = _AMID.reshape(12, 6)[which]
-    new = sparse.csr_matrix(
+    new = scipy.sparse.csr_matrix(
         (weights.ravel(), (np.repeat(rows - count, 6), mesh.cells[parent].ravel())), shape=(edges, count)
     )
     new.eliminate_zeros()
-    return sparse.csr_matrix(sparse.vstack([sparse.identity(count, format="csr"), new], format="csr"))
+    return scipy.sparse.csr_matrix(scipy.sparse.vstack([scipy.sparse.identity(count, format="csr"), new], format="csr"))
 
 
 def _groups(mesh: Mesh, groups: Mapping[str, Numbers], table: EdgeTable, count: int) -> dict[str, Numbers]:

@@ -7,8 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichi_membrane.mesh import quadratic
 from taichi_membrane.mesh.surface import Mesh
@@ -65,9 +63,8 @@ class SurfaceLine:
         joins = ~own[edge_of] & on_line[table.nodes[edge_of]].any(axis=2)
         row, column = np.nonzero(joins)
         names, numbered = np.unique(edge_of[row, column], return_inverse=True)
-        size = len(near) + len(names)
-        graph = coo_matrix((np.ones(len(row), dtype=np.int8), (row, len(near) + numbered)), shape=(size, size))
-        label = connected_components(graph, directed=False)[1][: len(near)]
+        _, label = node_parts(np.column_stack([row, len(near) + numbered]), len(near) + len(names))
+        label = label[: len(near)]
         row, column = np.nonzero(own[edge_of])
         return tuple(
             LineSide(edge_of[row[here], column[here]], 3 * near[row[here]] + column[here], near[label == one])

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from taichi_membrane.mesh import check, quadratic
 from taichi_membrane.mesh.crossing import crossings
 from taichi_membrane.mesh.surface import Mesh
+from taichi_membrane.mesh.topology import node_parts
 
 # Triangles beyond which crossings are not looked for: at this number the search takes about ten seconds and a gigabyte.
 MOST_SEARCHED = 1_000_000
@@ -106,8 +105,7 @@ def _loops(mesh: Mesh) -> tuple[Loop, ...]:
         return ()
     nodes, flat = np.unique(edges, return_inverse=True)
     ends = flat.reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(len(nodes), len(nodes)))
-    count, label = connected_components(graph, directed=False)
+    count, label = node_parts(ends.astype(np.int32), len(nodes))
     length = np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
     if mesh.order == 2:
         curved = np.column_stack([edges, mesh.edge_middles[mesh.edge_table.tri_count == 1]])

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +46,23 @@ def edge_table(triangles: NDArray[np.int32], node_count: int) -> EdgeTable:
     return EdgeTable(np.column_stack((low, high)).astype(np.int32), order, start, tri_count)
 
 
-def node_parts(edges: NDArray[np.int32], node_count: int) -> tuple[int, NDArray[np.int32]]:
-    """Label nodes joined by ``edges`` (n, 2): the number of connected parts and one label per node, from 0."""
-    ones = np.ones(len(edges), dtype=np.int8)
-    graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(node_count, node_count))
-    count, label = connected_components(graph, directed=False)
-    return int(count), label.astype(np.int32)
+def node_parts(edges: NDArray[Any], node_count: int) -> tuple[int, NDArray[np.int32]]:
+    """Label nodes joined by ``edges`` (n, 2): the number of connected parts and one label per node, from 0 by the lowest nodes.
+
+    Labels are nodes; of two that an edge joins the higher one is put below the lower one, until no edge joins two.
+    """
+    lowest = np.arange(node_count, dtype=np.int32)
+    tail, head = edges[:, 0], edges[:, 1]
+    while True:
+        one, other = lowest[tail], lowest[head]
+        apart = one != other
+        if not apart.any():
+            roots = np.flatnonzero(lowest == np.arange(node_count))
+            return len(roots), np.searchsorted(roots, lowest).astype(np.int32)
+        tail, head, one, other = tail[apart], head[apart], one[apart], other[apart]
+        np.minimum.at(lowest, np.maximum(one, other), np.minimum(one, other))
+        while not np.array_equal(following := lowest[lowest], lowest):
+            lowest = following
 
 
 def sorted_unique(numbers: NDArray[Any]) -> NDArray[Any]:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,6 +139,8 @@ def _array(name: str, values: NDArray[Any]) -> str:
     width = f' NumberOfComponents="{data.shape[1]}"' if data.ndim == 2 else ""
     kind = _VTK[f"{data.dtype.kind}{data.dtype.itemsize}"]
     encoded = base64.b64encode(head + data.tobytes()).decode()
+    from xml.sax.saxutils import quoteattr  # here, not above: it brings the network's modules with it
+
     return f'<DataArray type="{kind}" Name={quoteattr(name)}{width} format="binary">{encoded}</DataArray>'
 
 

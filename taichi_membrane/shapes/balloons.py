@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import ellipeinc, ellipj, ellipk, ellipkinc
+import scipy
 
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.shapes.arguments import check_between, check_count, check_length, check_size
@@ -22,13 +22,13 @@ def isotensoid(radius: float, arc: Floats) -> tuple[Floats, Floats]:
     :return: x and z, of the shape of ``arc`` [length].
     """
     u = math.sqrt(2.0) * arc / radius
-    _, cn, _, amplitude = ellipj(u, 0.5)
-    return np.asarray(radius * cn), radius / math.sqrt(2.0) * (2.0 * ellipeinc(amplitude, 0.5) - u)
+    _, cn, _, amplitude = scipy.special.ellipj(u, 0.5)
+    return np.asarray(radius * cn), radius / math.sqrt(2.0) * (2.0 * scipy.special.ellipeinc(amplitude, 0.5) - u)
 
 
 def half_meridian(radius: float) -> float:
     """Length of its meridian from the equator to a pole, 1.3110288 R."""
-    return radius * float(ellipk(0.5)) / math.sqrt(2.0)
+    return radius * float(scipy.special.ellipk(0.5)) / math.sqrt(2.0)
 
 
 def pumpkin(*, radius: float, gores: int, along: int, across: int, bulge: float = 90.0, fitting: float = 0.1) -> Mesh:
@@ -75,7 +75,7 @@ def pumpkin(*, radius: float, gores: int, along: int, across: int, bulge: float 
 
 def _lobes(radius: float, gores: int, along: int, across: int, half: float, fitting: float) -> Floats:
     """(along + 1, gores · across, 3) places of the gores' nodes, from the lower fitting up, from the x axis round."""
-    end = radius / math.sqrt(2.0) * float(ellipkinc(math.acos(fitting), 0.5))
+    end = radius / math.sqrt(2.0) * float(scipy.special.ellipkinc(math.acos(fitting), 0.5))
     arc = end * (2 * np.arange(along + 1) - along) / along
     x, z = isotensoid(radius, arc)
     rises = (x / radius) ** 2  # sine of the meridian's angle; the normal is (rises, leans) in radius and height

@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh
-from scipy.sparse import diags
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+import scipy
 
 from taichi_membrane.algebra.protocol import Factor
 from taichi_membrane.mechanics.preparation import Floats
@@ -30,7 +28,7 @@ def vibration(newton: Newton, factor: Factor, mass: Floats, asked: Modes) -> Mod
     :raises ArithmeticError: the tangent is singular to round-off.
     """
     free = newton.free.ravel()
-    stiffness, masses = _free_matrix(newton), diags(np.repeat(mass, 3)[free])
+    stiffness, masses = _free_matrix(newton), scipy.sparse.diags(np.repeat(mass, 3)[free])
     squared, shapes, missing = _eigenpairs(
         stiffness, masses, asked.count, largest=False, sigma=0.0, OPinv=_inverse(newton, factor), which="LM"
     )
@@ -75,13 +73,13 @@ def _eigenpairs(matrix: Any, weight: Any, count: int, *, largest: bool, **lanczo
     of freedom by dense algebra."""
     size, missing = matrix.shape[0], ""
     if size <= max(_DENSE, count + 1):
-        values, vectors = eigh(matrix.toarray(), weight.toarray())
+        values, vectors = scipy.linalg.eigh(matrix.toarray(), weight.toarray())
         if size < count:
             missing = f"{size} of {count} modes: there are no more degrees of freedom"
     else:
         try:
-            values, vectors = eigsh(matrix, k=count, M=weight, v0=_start(size), **lanczos)
-        except ArpackNoConvergence as error:
+            values, vectors = scipy.sparse.linalg.eigsh(matrix, k=count, M=weight, v0=_start(size), **lanczos)
+        except scipy.sparse.linalg.ArpackNoConvergence as error:
             values, vectors = error.eigenvalues, error.eigenvectors
             missing = f"{len(values)} of {count} modes converged"
     order = np.argsort(-values if largest else values)[:count]
@@ -94,7 +92,7 @@ def _free_matrix(newton: Newton) -> Any:
     return newton.tangent.matrix()[free][:, free]
 
 
-def _inverse(newton: Newton, factor: Factor) -> LinearOperator:
+def _inverse(newton: Newton, factor: Factor) -> scipy.sparse.linalg.LinearOperator:
     """Solution with the factorised tangent over free components."""
     free = newton.free
 
@@ -107,7 +105,7 @@ def _inverse(newton: Newton, factor: Factor) -> LinearOperator:
         return solution
 
     size = int(free.sum())
-    return LinearOperator((size, size), matvec=solve, dtype=np.float64)
+    return scipy.sparse.linalg.LinearOperator((size, size), matvec=solve, dtype=np.float64)
 
 
 def _start(size: int) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from taichi_membrane import shapes
 from taichi_membrane.errors import InputError
@@ -25,7 +25,7 @@ class Refined:
     """
 
     model: Model
-    prolongation: sparse.csr_matrix
+    prolongation: scipy.sparse.csr_matrix
     left_out: tuple[str, ...]
 
     def displacement(self, coarse: Floats) -> Floats:

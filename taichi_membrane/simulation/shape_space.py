@@ -14,9 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import linalg
 
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
@@ -37,8 +36,8 @@ class ShapeSpace:
     """
 
     model: Model
-    basis: sparse.csr_matrix
-    others: sparse.csr_matrix
+    basis: scipy.sparse.csr_matrix
+    others: scipy.sparse.csr_matrix
 
     @classmethod
     def of(cls, model: Model) -> ShapeSpace:
@@ -62,12 +61,12 @@ class ShapeSpace:
         """(m,) what forces (node_count, 3), in the supports' axes, do along each movement."""
         return np.asarray(self.basis.T @ forces.ravel())
 
-    def stiffness(self, tangent: sparse.csr_matrix) -> sparse.csc_matrix:
+    def stiffness(self, tangent: scipy.sparse.csr_matrix) -> scipy.sparse.csc_matrix:
         """(m, m) the stiffness of the shape, of the tangent of force densities (:func:`.rest_shape.soft`) at rest in it."""
         whole = tangent + _beyond_densities(self.model)
-        return sparse.csc_matrix(self.basis.T @ whole @ self.basis)
+        return scipy.sparse.csc_matrix(self.basis.T @ whole @ self.basis)
 
-    def movement(self, components: Floats, tangent: sparse.csr_matrix) -> Floats | None:
+    def movement(self, components: Floats, tangent: scipy.sparse.csr_matrix) -> Floats | None:
         """(node_count, 3) the movement of given components; nodes follow in all other ways, by their force densities.
 
         None where these do not hold them.
@@ -75,20 +74,20 @@ class ShapeSpace:
         moved = self.basis @ components
         pull = self.others.T @ (tangent @ moved)
         if pull.any():
-            followed = answer(sparse.csc_matrix(self.others.T @ tangent @ self.others), -pull)
+            followed = answer(scipy.sparse.csc_matrix(self.others.T @ tangent @ self.others), -pull)
             if followed is None:
                 return None
             moved = moved + self.others @ followed.components
         return np.asarray(moved).reshape(-1, 3)
 
 
-def _columns(vectors: Floats, which: NDArray[np.bool_]) -> sparse.csr_matrix:
+def _columns(vectors: Floats, which: NDArray[np.bool_]) -> scipy.sparse.csr_matrix:
     """Matrix of some of the nodes' vectors (node_count, component, number)."""
     node, number = np.nonzero(which)
     rows = (3 * node[:, None] + np.arange(3)).ravel()
     columns = np.repeat(np.arange(len(node)), 3)
     size = (3 * len(vectors), len(node))
-    return sparse.csr_matrix((vectors[node, :, number].ravel(), (rows, columns)), shape=size)
+    return scipy.sparse.csr_matrix((vectors[node, :, number].ravel(), (rows, columns)), shape=size)
 
 
 @dataclass(frozen=True)
@@ -99,10 +98,10 @@ class Answer:
     negative: int | None
 
 
-def answer(stiffness: sparse.csc_matrix, forces: Floats) -> Answer | None:
+def answer(stiffness: scipy.sparse.csc_matrix, forces: Floats) -> Answer | None:
     """Solve for the movement; None where the stiffness is singular."""
     try:
-        factor = linalg.splu(
+        factor = scipy.sparse.linalg.splu(
             stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
     except RuntimeError:
@@ -114,7 +113,7 @@ def answer(stiffness: sparse.csc_matrix, forces: Floats) -> Answer | None:
     return Answer(components, int((factor.U.diagonal() < 0.0).sum()) if symmetric else None)
 
 
-def _beyond_densities(model: Model) -> sparse.csr_matrix:
+def _beyond_densities(model: Model) -> scipy.sparse.csr_matrix:
     """(3 · node_count, 3 · node_count) what the stiffness of given stress has beyond that of force densities, by supports' axes.
 
     It has no part of softness: of moduli that are a thousandth of the stress, little.
@@ -155,14 +154,14 @@ def _beyond_densities(model: Model) -> sparse.csr_matrix:
         pair = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 6)
         total = total - _scattered(density[:, None, None] * row[:, :, None] * row[:, None, :], pair, size)
     freedoms = _freedoms(structure)
-    return sparse.csr_matrix(freedoms.T @ total @ freedoms)
+    return scipy.sparse.csr_matrix(freedoms.T @ total @ freedoms)
 
 
-def _freedoms(structure: Structure) -> sparse.csr_matrix:
+def _freedoms(structure: Structure) -> scipy.sparse.csr_matrix:
     """(3 · node_count, 3 · node_count) displacements of nodes for their freedoms: along supports' axes, and with rigid bodies."""
     count = structure.node_count
     frame = np.tile(np.eye(3), (count, 1, 1)) if structure.node_frame is None else structure.node_frame
-    turn = sparse.csr_matrix(sparse.block_diag(list(frame.transpose(0, 2, 1))))
+    turn = scipy.sparse.csr_matrix(scipy.sparse.block_diag(list(frame.transpose(0, 2, 1))))
     if not structure.bodies:
         return turn
     blocks, rows, columns = [], [], []
@@ -177,13 +176,13 @@ def _freedoms(structure: Structure) -> sparse.csr_matrix:
         rows.append(np.repeat(3 * body.nodes[:, None] + np.arange(3), 6, axis=1).ravel())
         columns.append(np.tile(carried, 3 * len(body.nodes)))
     data = np.concatenate(blocks), (np.concatenate(rows), np.concatenate(columns))
-    return sparse.csr_matrix(turn @ sparse.csr_matrix(data, shape=(3 * count, 3 * count)))
+    return scipy.sparse.csr_matrix(turn @ scipy.sparse.csr_matrix(data, shape=(3 * count, 3 * count)))
 
 
-def _scattered(blocks: Floats, freedom: NDArray[np.int64], size: int) -> sparse.csr_matrix:
+def _scattered(blocks: Floats, freedom: NDArray[np.int64], size: int) -> scipy.sparse.csr_matrix:
     rows = np.repeat(freedom, freedom.shape[1], axis=1).ravel()
     columns = np.tile(freedom, (1, freedom.shape[1])).ravel()
-    return sparse.csr_matrix((blocks.ravel(), (rows, columns)), shape=(size, size))
+    return scipy.sparse.csr_matrix((blocks.ravel(), (rows, columns)), shape=(size, size))
 
 
 def _by_force(model: Model, forced: NDArray[np.bool_]) -> NDArray[np.bool_]:

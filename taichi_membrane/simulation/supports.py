@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import spatial
 
 from taichi_membrane.errors import InputError
 from taichi_membrane.mechanics.obstacle import Obstacle
@@ -34,7 +34,7 @@ class PrescribedMotion:
             return np.broadcast_to(factor * np.array(self.motion.direction), (len(self.nodes), 3))
         axis = np.array(self.motion.axis) / np.linalg.norm(self.motion.axis)
         arms = points[self.nodes] - np.array(self.motion.through)
-        turn = spatial.transform.Rotation.from_rotvec(factor * axis, degrees=True)
+        turn = scipy.spatial.transform.Rotation.from_rotvec(factor * axis, degrees=True)
         return np.asarray(turn.apply(arms) - arms)
 
 

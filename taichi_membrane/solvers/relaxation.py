@@ -17,13 +17,14 @@ the energy when the residual is small enough.
 
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 
 from taichi_membrane.device import runtime
 from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics.bodies import ORDINARY
-from taichi_membrane.mechanics.nodes import GROUPS
+from taichi_membrane.mechanics.nodes import GROUPS, read
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.system import System
 from taichi_membrane.solvers.record import Progress, Reference, SolveRecord, force_now
@@ -39,6 +40,9 @@ _LEAST_FALL, _LARGEST_FALL = 0.9, 0.1
 _POLL = 32
 # Masses follow the geometry: refreshed at first every iteration, then at intervals that double while none grows by 1 %.
 _LONGEST_REFRESH, _GROWTH = 256, 1.01
+# What the device keeps of the iterations: whole numbers, and others.
+_COUNTS = ("status", "peak", "iterations", "mass_grew", "swing", "longest_swing")
+_NUMBERS = ("gain", "back", "energy", "energy_before", "energy_largest", "residual")
 # A residual that has not fallen by a tenth in this many iterations has met round-off.
 _STAGNATION, _STAGNATION_FALL = 20_000, 0.9
 
@@ -52,13 +56,11 @@ class Relaxation:
         self.system = m
         self.fp = m.fp
         self.two_levels = not runtime.current().on_cpu
-        self.node_velocity = ti.Vector.field(3, m.fp, shape=m.node_count)
-        self.node_force = ti.Vector.field(3, m.fp, shape=m.node_count)
-        self.node_mass = ti.field(m.fp, shape=m.node_count)
-        control = ti.types.struct(
-            status=ti.i32, peak=ti.i32, iterations=ti.i32, mass_grew=ti.i32, swing=ti.i32, longest_swing=ti.i32,
-            gain=m.fp, back=m.fp, energy=m.fp, energy_before=m.fp, energy_largest=m.fp, residual=m.fp,
-        )  # fmt: skip
+        nodes = m.node_rest.shape[0]
+        self.node_velocity = ti.Vector.field(3, m.fp, shape=nodes)
+        self.node_force = ti.Vector.field(3, m.fp, shape=nodes)
+        self.node_mass = ti.field(m.fp, shape=nodes)
+        control = ti.types.struct(**dict.fromkeys(_COUNTS, ti.i32), **dict.fromkeys(_NUMBERS, m.fp))
         self.control = control.field(shape=())
         if self.two_levels:
             self.group_sum = ti.Vector.field(2, m.fp, shape=GROUPS)
@@ -221,26 +223,54 @@ class Relaxation:
                 mass = ti.max(mass, self.node_mass[i])
             self.node_mass[i] = mass
 
+    @ti.kernel
+    def _begin(self, status: int):
+        """No velocities, no history: one kernel, as each number written from the host would be one."""
+        for i in self.node_velocity:
+            self.node_velocity[i] = ti.Vector.zero(self.fp, 3)
+        for number in ti.static(range(len(_COUNTS))):
+            self.control.get_member_field(_COUNTS[number])[None] = 0
+        for number in ti.static(range(len(_NUMBERS))):
+            self.control.get_member_field(_NUMBERS[number])[None] = 0.0
+        self.control[None].status = status
+        self.control[None].gain = 0.5
+
+    @ti.kernel
+    def _go_on(self):
+        """Run again after a convergence that the energy has refused."""
+        self.control[None].status = RUNNING
+        self.control[None].gain = 0.0  # this iteration's force has had its effect on the velocity
+
+    @ti.kernel
+    def _read_control(self, out: ti.types.ndarray()):
+        for number in ti.static(range(len(_COUNTS))):
+            out[number] = ti.cast(self.control.get_member_field(_COUNTS[number])[None], self.fp)
+        for number in ti.static(range(len(_NUMBERS))):
+            out[ti.static(len(_COUNTS) + number)] = self.control.get_member_field(_NUMBERS[number])[None]
+
     # ---- host
 
     def compile(self) -> None:
         """Compile the kernels without moving anything: the iteration runs once on a state that counts as converged."""
         self.start_from_rest()
-        self.control[None].status = CONVERGED
+        self._begin(CONVERGED)
         self._iterate(1.0, 1.0)
+
+    def state(self) -> SimpleNamespace:
+        """What the device has kept of the iterations so far."""
+        out = np.empty(len(_COUNTS) + len(_NUMBERS), dtype=self.system.dtype)
+        self._read_control(out)
+        counts = {name: int(value) for name, value in zip(_COUNTS, out, strict=False)}
+        return SimpleNamespace(**counts, **dict(zip(_NUMBERS, out[len(_COUNTS) :].tolist(), strict=True)))
 
     def masses(self) -> Floats:
         """(node_count,) fictitious masses at the present displacements; twice a mass bounds the stiffness at its node."""
         self._refresh_mass(0)
-        return self.node_mass.to_numpy()[: self.system.node_count].astype(np.float64)
+        return read(self.node_mass, self.system.node_count)
 
     def start_from_rest(self) -> None:
         """Forget velocities and energy history."""
-        self.node_velocity.fill(0.0)
-        self.control[None] = {
-            "status": RUNNING, "peak": 0, "iterations": 0, "mass_grew": 0, "swing": 0, "longest_swing": 0, "gain": 0.5,
-            "back": 0.0, "energy": 0.0, "energy_before": 0.0, "energy_largest": 0.0, "residual": 0.0,
-        }  # fmt: skip
+        self._begin(RUNNING)
         self._refresh_mass(0)
 
     def _unsettled(self, start: Floats, reference: float) -> float:
@@ -249,10 +279,8 @@ class Relaxation:
         :param start: (node_count, 3) displacements that the solve began with: an unloaded structure ends with none.
         """
         count = self.system.node_count
-        mass, force, velocity = (
-            one.to_numpy()[:count].astype(np.float64) for one in (self.node_mass, self.node_force, self.node_velocity)
-        )
-        slowness = max((2.0 / np.pi * self.control[None].longest_swing) ** 2, self._slowness_of_fabric())  # 1/ω²
+        mass, force, velocity = (read(one, count) for one in (self.node_mass, self.node_force, self.node_velocity))
+        slowness = max((2.0 / np.pi * self.state().longest_swing) ** 2, self._slowness_of_fabric())  # 1/ω²
         # Divided by the reference before they are squared: the squares of a small structure's forces are zero.
         unit = mass[:, None] / reference
         moving, moved, moved_before = (
@@ -303,13 +331,13 @@ class Relaxation:
             done += batch
             if done == next_refresh:
                 self._refresh_mass(1)
-            state = self.control[None]
+            state = self.state()
             if report is not None:
                 report(Progress(iteration=done, residual=state.residual, seconds=time.perf_counter() - started))
             if state.status == CONVERGED and (share := self._unsettled(start, now)) > _SETTLED_SHARE:
                 aim = state.residual * min(max(float(np.sqrt(_SETTLED_SHARE / share)), _LARGEST_FALL), _LEAST_FALL)
-                self.control.status[None], state.status = RUNNING, RUNNING
-                self.control.gain[None] = 0.0  # this iteration's force has had its effect on the velocity
+                self._go_on()
+                state.status = RUNNING
             if state.status != RUNNING or done - best_at > _STAGNATION:
                 break
             if state.residual < _STAGNATION_FALL * best:
@@ -317,7 +345,7 @@ class Relaxation:
             if done == next_refresh:
                 interval = max(interval // 2, 1) if state.mass_grew else min(2 * interval, _LONGEST_REFRESH)
                 next_refresh = done + interval
-        state = self.control[None]
+        state = self.state()
         reason = {RUNNING: "iteration limit", CONVERGED: "residual", NOT_FINITE: "not finite"}[state.status]
         if state.status == RUNNING and done - best_at > _STAGNATION:
             reason = f"stagnated at a residual of {best:.1e}"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 
 def to_cartesian(system: str, numbers: Sequence[float]) -> NDArray[np.float64]:
@@ -26,4 +26,8 @@ def to_cartesian(system: str, numbers: Sequence[float]) -> NDArray[np.float64]:
 def about_axis(axis: ArrayLike, degrees: float) -> NDArray[np.float64]:
     """The matrix (3, 3) that turns vectors about an axis."""
     direction = np.asarray(axis, dtype=np.float64)
-    return np.asarray(Rotation.from_rotvec(degrees * direction / np.linalg.norm(direction), degrees=True).as_matrix())
+    return np.asarray(
+        scipy.spatial.transform.Rotation.from_rotvec(
+            degrees * direction / np.linalg.norm(direction), degrees=True
+        ).as_matrix()
+    )
