@@ -72,9 +72,10 @@ def run(
 ) -> None:
     """Solve the load steps of a scene, write and draw them.
 
-    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input or a file that cannot be written, 3 a load
-    step did not converge, a path did not come to its loads or a load case has no stable end, 4 the structure collapses before its
-    last load or in a load case, 5 a stage that should meet collapse (until = "collapse") met none.
+    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails or a refined mesh misses its tolerance, 2 bad input or a
+    file that cannot be written, 3 a load step did not converge, a path did not come to its loads or a load case has no stable end,
+    4 the structure collapses before its last load or in a load case, 5 a stage that should meet collapse (until = "collapse") met
+    none.
     """
     if resume is not None:
         _go_on(context, resume, quiet, report)
@@ -151,6 +152,7 @@ def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, q
         printing.print_failed_steps(terminal, result)
         printing.print_failed_cases(terminal, result)
         printing.print_failed_checks(terminal, result)
+        printing.print_failed_adaption(terminal, result)
     else:
         printing.print_run(terminal, result)
     if report and result.steps:
