@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from taichi_membrane.commands.run_lines import balance_lines, relief_lines, wall_lines
+from taichi_membrane.commands.run_lines import balance_lines, cascade_lines, relief_lines, wall_lines
 from taichi_membrane.output.case_tables import case_columns, failed_lines, range_columns, worst_reaction_columns
 from taichi_membrane.output.tables import (
     Column,
@@ -51,6 +51,8 @@ def print_run(console: Console, result: RunResult) -> None:
         print_wrapped(
             console, "utilised", f"most in {stage}, load step {step.number}: {utilisation.words(used, result.scene)}"
         )
+    for line in cascade_lines(result):
+        print_wrapped(console, "cascade", line)
     for line in wall_lines(result):
         print_wrapped(console, "contact", line)
     for line in layer_lines(result.layers, result.scene.units.length):

@@ -44,6 +44,17 @@ EstimateOption = Annotated[
     ),
 ]
 EstimateAllOption = Annotated[bool, typer.Option("--estimate-all", help="The same of all load steps.")]
+CascadeOption = Annotated[
+    int,
+    typer.Option(
+        "--cascade",
+        min=0,
+        max=6,
+        metavar="N",
+        show_default=False,
+        help="Run on the mesh cut in four N times: load steps are solved on the scene's mesh and carried over.",
+    ),
+]
 ReportOption = Annotated[bool, typer.Option("--report", help="Also write report.html, as the command report does.")]
 
 
@@ -69,6 +80,7 @@ def run(
     report: ReportOption = False,
     estimate: EstimateOption = False,
     estimate_all: EstimateAllOption = False,
+    cascade: CascadeOption = 0,
 ) -> None:
     """Solve the load steps of a scene, write and draw them.
 
@@ -103,6 +115,7 @@ def run(
                 render=render,
                 repair=repair,
                 estimate="all" if estimate_all else estimate,
+                cascade=cascade,
                 observer=observer,
             )
 

@@ -1,4 +1,4 @@
-"""A run's mesh refined before its load steps are solved, where its scene asks for that."""
+"""Finer meshes of a run: refined before its load steps are solved, and cut in four to estimate errors, where that is asked for."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from taichi_membrane.execution.observer import Clock
     from taichi_membrane.simulation.accuracy import Adaption, Round
     from taichi_membrane.simulation.model import Model
+    from taichi_membrane.simulation.refined import Refined
+    from taichi_membrane.simulation.results import Settings
 
 
 def check_adaptable(model: Model) -> None:
@@ -36,3 +38,15 @@ def adapted(model: Model, clock: Clock) -> tuple[Model, Adaption | None]:
 
     with clock.phase("adapt", "refining the mesh"):
         return Adapting(model, clock.progress, told).run()
+
+
+def refined_for(model: Model, settings: Settings) -> Refined | None:
+    """The model on its mesh cut in four, where errors are to be estimated.
+
+    :raises InputError: it cannot be.
+    """
+    if not settings.estimate:
+        return None
+    from taichi_membrane.simulation.refined import refined
+
+    return refined(model)

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from taichi_membrane.errors import InputError
-from taichi_membrane.execution.adapted import adapted, check_adaptable
+from taichi_membrane.execution.adapted import adapted, check_adaptable, refined_for
+from taichi_membrane.execution.cascaded import cascade_of, stepping
 from taichi_membrane.execution.observer import Clock, Observer
 from taichi_membrane.execution.saved import refuse_other_bits, refuse_other_probes
 from taichi_membrane.execution.turn import in_turn, refuse_within
@@ -45,6 +46,7 @@ def run(
     repair: bool = False,
     probes: Mapping[str, ProbeFunction] | None = None,
     estimate: bool | Literal["last", "all"] = False,
+    cascade: int = 0,
     observer: Observer | None = None,
 ) -> RunResult:
     """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
@@ -61,6 +63,7 @@ def run(
         :class:`StepResult`, which has everything else, that give a number.
     :param estimate: solve the last load step (True, ``last``) or all of them again on the mesh cut in four, and tell the errors of
         probes: ``RunResult.estimate``.
+    :param cascade: run on the mesh cut in four so many times; load steps are solved on the scene's mesh and carried over.
     :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk; another
         run that writes in ``out``; a call from within another run. A step that does not converge raises nothing: it ends the run,
         and ``RunResult.converged`` says so.
@@ -79,13 +82,14 @@ def run(
     scene = with_surfaces(scene, base)
     which: EstimatedSteps = "last" if estimate is True else estimate or ""
     given = mesh
-    settings = Settings(arch=arch, precision=precision, threads=threads, render=render, estimate=which)
+    settings = Settings(arch=arch, precision=precision, threads=threads, render=render, estimate=which, cascade=cascade)
 
     def work() -> RunResult:
         with clock.phase("setup", "reading the mesh"):
             found = build_mesh(scene, base, repair=repair) if given is None else with_scene_groups(scene, given)
             model = build_model(scene, found, probes)
-        return _carry_out(model, settings, clock, out=out)
+            chain = cascade_of(model, cascade)
+        return _carry_out(model, settings, clock, out=out, chain=chain)
 
     with _sole_writer(out):
         return in_turn(work, clock.stop)
@@ -152,12 +156,21 @@ def _sole_writer(out: Path | None) -> AbstractContextManager[None]:
 
 
 def _carry_out(
-    model: Model, settings: Settings, clock: Clock, *, out: Path | None, saved: SavedRun | None = None
+    model: Model,
+    settings: Settings,
+    clock: Clock,
+    *,
+    out: Path | None,
+    saved: SavedRun | None = None,
+    chain: Sequence[Refined] = (),
 ) -> RunResult:
-    """Solve the load steps that are not saved yet; write, judge and draw all."""
-    observer = clock.observer
+    """Solve the load steps that are not saved yet; write, judge and draw all.
+
+    :param chain: the models on finer meshes that they are carried over to, the last of which is run.
+    """
+    observer, coarse, model = clock.observer, model, chain[-1].model if chain else model
     with clock.phase("setup"):
-        fine = _refined(model, settings)  # what cannot be refined is refused before anything is solved
+        fine = refined_for(model, settings)  # what cannot be refined is refused before anything is solved
         check_adaptable(model)
     with clock.phase("start", "starting Taichi"):
         from taichi_membrane.device import runtime
@@ -177,7 +190,7 @@ def _carry_out(
     model, adaption = adapted(model, clock) if saved is None else (model, saved.adaption)
     with clock.phase("setup"):
         if adaption is not None:
-            fine = _refined(model, settings)
+            fine = refined_for(model, settings)
         solver = chosen_solver(model)
         model.structure.prepare(matrix=solver.kind != "relaxation")
         if fine is not None:
@@ -197,7 +210,7 @@ def _carry_out(
     )  # fmt: skip
     try:
         observer.phase("solving")
-        steps = work.steps(clock.progress, done=result.steps)
+        steps, told = stepping(work, coarse, chain, clock, result.steps)
         while (step := clock.timed("solve", lambda: next(steps, None))) is not None:
             result = replace(result, steps=(*result.steps, step), mesh=work.model.structure.mesh)
             observer.step_done(step)
@@ -211,7 +224,7 @@ def _carry_out(
         # Also after Ctrl-C: what was computed is judged, drawn and kept.
         _finish(replace(result, outcome=work.outcome), work.model, writer, clock, render=settings.render)
         raise
-    result, model = replace(result, outcome=work.outcome), work.model
+    result, model = replace(result, outcome=work.outcome, cascade=told()), work.model
     if fine is not None and any(step.converged for step in result.steps):
         try:
             result = replace(result, estimate=_estimated(model, fine, result.steps, settings, clock))
@@ -219,18 +232,6 @@ def _carry_out(
             _finish(result, model, writer, clock, render=settings.render)
             raise
     return _finish(result, model, writer, clock, render=settings.render)
-
-
-def _refined(model: Model, settings: Settings) -> Refined | None:
-    """The model on its mesh cut in four, where errors are to be estimated.
-
-    :raises InputError: it cannot be.
-    """
-    if not settings.estimate:
-        return None
-    from taichi_membrane.simulation.refined import refined
-
-    return refined(model)
 
 
 def _estimated(model: Model, fine: Refined, steps: Sequence[StepResult], settings: Settings, clock: Clock) -> Estimate:
@@ -295,6 +296,7 @@ def _result(saved: SavedRun) -> RunResult:
         layers=saved.layers,
         estimate=saved.estimate,
         adaption=saved.adaption,
+        cascade=saved.cascade,
         directory=saved.directory,
         files=saved.files,
     )
@@ -308,8 +310,7 @@ def _finish(result: RunResult, model: Model, writer: Writer | None, clock: Clock
 
     checks = probes.run_checks(result.scene, result.steps)
     result = replace(result, checks=checks, layers=told_layers(model, result.steps))
-    if result.adaption is not None:
-        result = replace(result, adaption=judged(result.adaption, result))
+    result = replace(result, adaption=judged(result.adaption, result))
     if writer is None or not result.steps:
         return result
     if render:

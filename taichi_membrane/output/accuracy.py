@@ -7,6 +7,7 @@ from typing import Any
 
 from taichi_membrane.simulation.accuracy import (
     Adaption,
+    Cascade,
     Estimate,
     Layer,
     LayerSide,
@@ -107,4 +108,17 @@ def adaption_of(record: dict[str, Any] | None) -> Adaption | None:
         rounds=tuple(rounds),
         verdict=record["verdict"],
         told=str(record["told"]),
+    )
+
+
+def cascade_of(record: dict[str, Any] | None) -> Cascade | None:
+    """How a record says that a run came from coarse meshes to its own."""
+    if record is None:
+        return None
+    return Cascade(
+        elements=tuple(map(int, record["elements"])),
+        iterations=tuple(map(int, record["iterations"])),
+        seconds=tuple(map(float, record["seconds"])),
+        carried=int(record["carried"]),
+        reason=str(record["reason"]),
     )

@@ -155,6 +155,7 @@ class Writer:
             "checks": [asdict(check) for check in result.checks],
             "layers": [layer_record(layer) for layer in result.layers],
             "estimate": estimate_record(result.estimate),
+            **({} if result.cascade is None else {"cascade": asdict(result.cascade)}),
         }
         self._adaption = result.adaption
         if result.scene.cases:

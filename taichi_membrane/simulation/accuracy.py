@@ -150,3 +150,19 @@ class Adaption:
     def reached(self) -> bool:
         """Whether the error is as small as was asked for, as far as it can be told."""
         return self.verdict == "reached"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cascade:
+    """How a run came from coarse meshes to its own.
+
+    :param elements: of each mesh, the coarsest first; ``iterations`` and ``seconds`` of all load steps that were solved there.
+    :param carried: load steps on the finest mesh that were found from those of the mesh before.
+    :param reason: why the others were not, where a state was lost.
+    """
+
+    elements: tuple[int, ...]
+    iterations: tuple[int, ...]
+    seconds: tuple[float, ...]
+    carried: int = 0
+    reason: str = ""

@@ -8,9 +8,9 @@ from taichi_membrane.simulation.accuracy import Adaption
 from taichi_membrane.simulation.results import RunResult
 
 
-def judged(adaption: Adaption, result: RunResult) -> Adaption:
+def judged(adaption: Adaption | None, result: RunResult) -> Adaption | None:
     """The verdict where the run on the refined mesh is done: it has to end in the state that the mesh was refined for."""
-    if not adaption.reached:
+    if adaption is None or not adaption.reached:
         return adaption
     last, steps = adaption.rounds[-1], result.stage_steps
     if result.outcome != "finished" or not steps:

@@ -40,13 +40,14 @@ class Refined:
         return found
 
 
-def refined(model: Model) -> Refined:
+def refined(model: Model, what: str = "estimate") -> Refined:
     """Cut a model in four, new nodes on the shape's true surface where that is known.
 
+    :param what: what asks for it; begins messages.
     :raises InputError: the scene has what the state of a finer mesh cannot be carried over to, or its mesh cannot be cut.
     """
-    refuse(model, "estimate")
-    return _made(model, lambda place: quartered(model.structure.mesh, place), "estimate: the mesh cut in four")
+    refuse(model, what)
+    return _made(model, lambda place: quartered(model.structure.mesh, place), f"{what}: the mesh cut in four")
 
 
 def locally_refined(model: Model, marked: NDArray[np.bool_], even: Sequence[str]) -> Refined:

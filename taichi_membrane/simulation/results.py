@@ -14,7 +14,7 @@ from taichi_membrane import fields
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, EstimatedSteps, Outcome, Precision, Verdict
 from taichi_membrane.scene import Case, Scene
-from taichi_membrane.simulation.accuracy import Adaption, Estimate, Layer
+from taichi_membrane.simulation.accuracy import Adaption, Cascade, Estimate, Layer
 from taichi_membrane.simulation.load_state import of_kind
 from taichi_membrane.simulation.policy import Trace
 from taichi_membrane.simulation.state import State
@@ -233,6 +233,7 @@ class Settings:
     threads: int | None = None
     render: bool = True
     estimate: EstimatedSteps = ""
+    cascade: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,6 +246,7 @@ class RunResult:
     :param layers: of all lines beside which the wall is disturbed, how long boundary layers are and whether the mesh resolves them.
     :param estimate: errors of probes, where they were asked for and the stages came to an end.
     :param adaption: what the mesh was refined for, and what became of it, where the scene asks for that.
+    :param cascade: how the run came from coarse meshes to its own, where that was asked for.
     :param directory: where files were written; None when none were.
     """
 
@@ -258,6 +260,7 @@ class RunResult:
     layers: tuple[Layer, ...] = ()
     estimate: Estimate | None = None
     adaption: Adaption | None = None
+    cascade: Cascade | None = None
     directory: Path | None = None
     files: tuple[Path, ...] = field(default=())
 
