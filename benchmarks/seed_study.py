@@ -1,6 +1,6 @@
 """The tables of docs/seed.md: the seed paper's beams and arch beside the closed forms of seed_theory.py.
 
-    python benchmarks/seed_study.py [references table1 cantilever beam arch stiffness collapse]
+    python benchmarks/seed_study.py [references table1 cantilever beam arch stiffness collapse resolved]
 
 Without arguments everything is printed, in some minutes. Every run starts from a shipped scene ``scenes/seed_*.toml`` and changes
 what its table is about. Units: N with mm (beams) or m (arch).
@@ -61,7 +61,8 @@ def onset(result: RunResult, load: str, away: float, axis: int) -> float:
     centroid = result.mesh.points[result.mesh.triangles].mean(axis=1)[:, axis]
     region = (centroid > away) & (centroid < centroid.max() - away if axis == 0 else True)
     steps = loaded(result, "inflate") + loaded(result)
-    margins = [float(step.elements.taut_margin[region].min()) for step in steps]
+    field = "taut_margin" if result.mesh.order == 1 else "point_taut_margin"
+    margins = [float(getattr(step.elements, field)[region].min()) for step in steps]
     for k in range(1, len(steps)):
         if margins[k] < 0.0:
             share = margins[k - 1] / (margins[k - 1] - margins[k])
@@ -341,6 +342,49 @@ def study_collapse() -> None:
     table("Collapse under load control", head, rows)
 
 
+def six_nodes(around: int, along: int) -> list[str]:
+    """Overrides for six-node triangles on rings graded towards boundary layers, and loads that are even along rings."""
+    pattern = ["mesh.order=2", "mesh.grade=auto", "mesh.pattern=alternating"]
+    return [*pattern, f"mesh.around={around}", f"mesh.along={along}"]
+
+
+def ring_area(radius: float, around: int) -> float:
+    """Within a ring of parabolas through 2 ``around`` points of a circle."""
+    half = math.pi / around
+    return around * radius**2 * (0.5 * math.sin(2 * half) + 4 / 3 * math.sin(half) * (1 - math.cos(half)))
+
+
+def study_resolved() -> None:
+    """Cantilever and arch with their boundary layers resolved: deflection over beam theory, first wrinkles."""
+    rows, onsets = [], []
+    for n, m in ((8, 20), (12, 20)):
+        result = solve("seed_fig5_load", *six_nodes(n, m), "loads.tip.spread=edges")
+        rows.append([f"{n} × {m}", str(3 * result.mesh.node_count), *excess(result, CANTILEVER, 1.0)])
+        onsets.append([f"{n} × {m}", f"{onset(result, 'tip', 0, 0):.3f}", f"{onset(result, 'tip', 25, 0):.3f}"])
+    head = ["load over collapse (nominal)", "components", *(f"{0.05 * k:.2f}" for k in SHARES)]
+    table("Cantilever, layers resolved: deflection over beam theory of the inflated dimensions", head, rows)
+    table(
+        "Cantilever, layers resolved: first wrinkle, N", ["mesh", "any point", "further than r from the ring"], onsets
+    )
+    fixed = {"supports": [{"group": "feet", "hold": "xyz"}]}
+    rows = []
+    for n, m in ((8, 24), (12, 24), (12, 48)):
+        area = ring_area(ARCH_TUBE.radius, n) * ARCH_TUBE.pressure
+        loads = [
+            f"stages.inflate.loads={foot_forces(-area)}",
+            f"stages.load.loads={foot_forces(1200 - area, crown=1200)}",
+        ]
+        values = []
+        for parts in ({}, fixed):
+            result = solve(
+                "seed_arch_ring", *six_nodes(n, m), "loads.crown.spread=edges", "stages.load.steps=15", *loads, **parts
+            )
+            values.append(f"{onset(result, 'crown', 0.4, 2):.0f}")
+        rows.append([f"{n} × {m}", str(3 * result.mesh.node_count), *values])
+    head = ["mesh", "components", "pinned", "fixed"]
+    table("Arch, ring load, layers resolved: first wrinkle further than r above the feet, N", head, rows)
+
+
 STUDIES: dict[str, Callable[[], None]] = {
     "references": study_references,
     "table1": study_table1,
@@ -349,6 +393,7 @@ STUDIES: dict[str, Callable[[], None]] = {
     "arch": study_arch,
     "stiffness": study_stiffness,
     "collapse": study_collapse,
+    "resolved": study_resolved,
 }
 
 if __name__ == "__main__":

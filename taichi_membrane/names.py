@@ -21,3 +21,16 @@ EstimatedSteps = Literal["", "last", "all"]
 # What became of a load case: its loads are reached in a state that is stable, as far as that is told; the structure collapses
 # before; no equilibrium was found; the state is unstable; its stage did not come to its end; the run was stopped before.
 Verdict = Literal["reached", "collapse", "not converged", "unstable", "not started", "interrupted"]
+# What became of refining a mesh: the estimate of the error meets the tolerance; it does, but layers are not resolved, which it
+# tells nothing of; the rounds, or the elements, are used up; the error could not be estimated on the last mesh; the state was not
+# found on a finer one; the run did not come to its end, or ended in another state than that which the mesh was refined for.
+AdaptVerdict = Literal[
+    "reached",
+    "layers not resolved",
+    "rounds used up",
+    "elements used up",
+    "error not known",
+    "state lost",
+    "not run to its end",
+    "another state",
+]

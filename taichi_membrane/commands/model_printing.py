@@ -10,9 +10,12 @@ from taichi_membrane.commands.printing import print_wrapped
 from taichi_membrane.mesh import survey
 from taichi_membrane.output.tables import layer_lines, with_unit
 from taichi_membrane.scene import Cable, Fabric, Scene, Spring, Stage, Units
+from taichi_membrane.scene.adapt import adapt_of
 from taichi_membrane.scene.drivers import DRIVERS, driver_names, driver_unit, friction_words, stage_values
 from taichi_membrane.scene.element_field import ElementField, given_text
 from taichi_membrane.scene.texts import Conversion
+from taichi_membrane.scene.units import probe_unit
+from taichi_membrane.simulation.adaptable import surface_words
 from taichi_membrane.simulation.chambers import surfaces
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.solver_choice import without_potential
@@ -83,6 +86,7 @@ def print_model(
         ),
         *([] if scene.contact is None else [("contact", f"of walls with each other: {_grouped(scene.contact.group)}")]),
         *(("layers", line) for line in layer_lines(told_layers(model), units.length)),
+        *(("adapt", line) for line in _adapt_lines(model)),
         *(("stage", _stage_line(scene, stage)) for stage in scene.stages),
         *(("case", f"{_stage_line(scene, scene.ramp(one.name))}, after {scene.start_of(one)}") for one in scene.cases),
         ("probes", ", ".join(scene.probes) or "none"),
@@ -94,6 +98,19 @@ def print_model(
     for label, text in lines:
         print_wrapped(console, f"{label if label != before else '':<11}", text)
         before = label
+
+
+def _adapt_lines(model: Model) -> list[str]:
+    """What the mesh will be refined for."""
+    asked = adapt_of(model.scene)
+    if asked is None:
+        return []
+    unit = probe_unit(model.scene, asked.probe)
+    share = f"{100.0 * (asked.tolerance or 0.0):g} %" if asked.absolute is None else with_unit(asked.absolute, unit)
+    return [
+        f"until the estimated error of {asked.probe} at the end of {model.scene.stages[-1].name} is below {share}: at most "
+        f"{asked.max_rounds} meshes and {asked.max_elements} elements; new nodes on {surface_words(model)}"
+    ]
 
 
 def _grouped(groups: str | list[str]) -> str:

@@ -12,10 +12,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from taichi_membrane.commands.run_lines import balance_lines, relief_lines, wall_lines
+from taichi_membrane.commands.run_lines import balance_lines, cascade_lines, relief_lines, wall_lines
 from taichi_membrane.output.case_tables import case_columns, failed_lines, range_columns, worst_reaction_columns
 from taichi_membrane.output.tables import (
     Column,
+    adaption_columns,
+    adaption_line,
     check_columns,
     error_text,
     estimate_columns,
@@ -49,6 +51,8 @@ def print_run(console: Console, result: RunResult) -> None:
         print_wrapped(
             console, "utilised", f"most in {stage}, load step {step.number}: {utilisation.words(used, result.scene)}"
         )
+    for line in cascade_lines(result):
+        print_wrapped(console, "cascade", line)
     for line in wall_lines(result):
         print_wrapped(console, "contact", line)
     for line in layer_lines(result.layers, result.scene.units.length):
@@ -65,6 +69,7 @@ def print_run(console: Console, result: RunResult) -> None:
         _print_plain(console, f"{held} of {len(result.checks)} checks hold")
     console.print()
     _print_estimate(console, result)
+    _print_adaption(console, result)
     spent = ", ".join(f"{phase} {seconds:.1f} s" for phase, seconds in result.seconds.items())
     real = result.provenance
     threads = f", {real['threads']} threads" if real["threads"] else ""
@@ -85,6 +90,23 @@ def _print_estimate(console: Console, result: RunResult) -> None:
     for note in estimate_notes(result.estimate, result.layers):
         print_wrapped(console, "errors", note)
     console.print()
+
+
+def _print_adaption(console: Console, result: RunResult) -> None:
+    """What the mesh was refined for, where it was."""
+    if result.adaption is None:
+        return
+    if result.adaption.rounds:
+        _print_plain(console, f"mesh refined for {result.adaption.probe}, errors estimated by each mesh cut in four")
+        print_table(console, adaption_columns(result.scene, result.adaption))
+    print_wrapped(console, "adapt", adaption_line(result.adaption))
+    console.print()
+
+
+def print_failed_adaption(console: Console, result: RunResult) -> None:
+    """Print that a refined mesh does not meet its tolerance."""
+    if result.adaption is not None and not result.adaption.reached:
+        print_wrapped(console, "adapt", adaption_line(result.adaption))
 
 
 def _print_at_rest(console: Console, result: RunResult) -> None:

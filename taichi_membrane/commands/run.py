@@ -44,6 +44,17 @@ EstimateOption = Annotated[
     ),
 ]
 EstimateAllOption = Annotated[bool, typer.Option("--estimate-all", help="The same of all load steps.")]
+CascadeOption = Annotated[
+    int,
+    typer.Option(
+        "--cascade",
+        min=0,
+        max=6,
+        metavar="N",
+        show_default=False,
+        help="Run on the mesh cut in four N times: load steps are solved on the scene's mesh and carried over.",
+    ),
+]
 ReportOption = Annotated[bool, typer.Option("--report", help="Also write report.html, as the command report does.")]
 
 
@@ -69,12 +80,14 @@ def run(
     report: ReportOption = False,
     estimate: EstimateOption = False,
     estimate_all: EstimateAllOption = False,
+    cascade: CascadeOption = 0,
 ) -> None:
     """Solve the load steps of a scene, write and draw them.
 
-    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails, 2 bad input or a file that cannot be written, 3 a load
-    step did not converge, a path did not come to its loads or a load case has no stable end, 4 the structure collapses before its
-    last load or in a load case, 5 a stage that should meet collapse (until = "collapse") met none.
+    Judges the checks of the scene. Exit code: 0 all well, 1 a check fails or a refined mesh misses its tolerance, 2 bad input or a
+    file that cannot be written, 3 a load step did not converge, a path did not come to its loads or a load case has no stable end,
+    4 the structure collapses before its last load or in a load case, 5 a stage that should meet collapse (until = "collapse") met
+    none.
     """
     if resume is not None:
         _go_on(context, resume, quiet, report)
@@ -102,6 +115,7 @@ def run(
                 render=render,
                 repair=repair,
                 estimate="all" if estimate_all else estimate,
+                cascade=cascade,
                 observer=observer,
             )
 
@@ -151,6 +165,7 @@ def _run(work: Callable[[Observer], RunResult], scene: Scene, directory: Path, q
         printing.print_failed_steps(terminal, result)
         printing.print_failed_cases(terminal, result)
         printing.print_failed_checks(terminal, result)
+        printing.print_failed_adaption(terminal, result)
     else:
         printing.print_run(terminal, result)
     if report and result.steps:

@@ -31,6 +31,23 @@ def balance_lines(result: RunResult) -> list[str]:
     ]
 
 
+def cascade_lines(result: RunResult) -> list[str]:
+    """How the run came from coarse meshes to its own."""
+    told = result.cascade
+    if told is None:
+        return []
+    solved = zip(told.elements, told.iterations, told.seconds, strict=False)
+    meshes = ", ".join(
+        f"{elements} elements {iterations} iterations in {seconds:.1f} s" for elements, iterations, seconds in solved
+    )
+    rest = len(result.steps) - told.carried
+    lines = [f"of meshes: {meshes}; {told.carried} of {len(result.steps)} load steps carried over"]
+    if rest > 0:
+        why = told.reason or "the coarse mesh comes no further"
+        lines.append(f"FELL BACK for {rest} load steps, solved on the finest mesh alone: {why}")
+    return lines
+
+
 def wall_lines(result: RunResult) -> list[str]:
     """What contact of walls with each other took, and whether sides of elements cross, of the stages' ends."""
     ends = {step.stage: step for step in result.steps if step.converged and step.walls}

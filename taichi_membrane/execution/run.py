@@ -13,7 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from taichi_membrane.errors import InputError
+from taichi_membrane.execution.adapted import adapted, check_adaptable, refined_for
+from taichi_membrane.execution.cascaded import cascade_of, stepping
 from taichi_membrane.execution.observer import Clock, Observer
+from taichi_membrane.execution.saved import refuse_other_bits, refuse_other_probes
 from taichi_membrane.execution.turn import in_turn, refuse_within
 from taichi_membrane.names import Arch, EstimatedSteps, Precision
 from taichi_membrane.scene import Camera, Scene
@@ -23,7 +26,7 @@ if TYPE_CHECKING:
     from taichi_membrane.mesh import Mesh
     from taichi_membrane.output.reader import SavedRun
     from taichi_membrane.output.writer import Writer
-    from taichi_membrane.simulation.accuracy import Estimate
+    from taichi_membrane.simulation.accuracy import Adaption, Estimate
     from taichi_membrane.simulation.model import Model
     from taichi_membrane.simulation.refined import Refined
     from taichi_membrane.simulation.results import ProbeFunction, RunResult, Settings, StepResult
@@ -43,6 +46,7 @@ def run(
     repair: bool = False,
     probes: Mapping[str, ProbeFunction] | None = None,
     estimate: bool | Literal["last", "all"] = False,
+    cascade: int = 0,
     observer: Observer | None = None,
 ) -> RunResult:
     """Run a scene and return what it found; write files as the steps are done when ``out`` is given.
@@ -59,6 +63,7 @@ def run(
         :class:`StepResult`, which has everything else, that give a number.
     :param estimate: solve the last load step (True, ``last``) or all of them again on the mesh cut in four, and tell the errors of
         probes: ``RunResult.estimate``.
+    :param cascade: run on the mesh cut in four so many times; load steps are solved on the scene's mesh and carried over.
     :raises InputError: a scene, mesh or back end that cannot be used; a file that cannot be written, say on a full disk; another
         run that writes in ``out``; a call from within another run. A step that does not converge raises nothing: it ends the run,
         and ``RunResult.converged`` says so.
@@ -77,13 +82,14 @@ def run(
     scene = with_surfaces(scene, base)
     which: EstimatedSteps = "last" if estimate is True else estimate or ""
     given = mesh
-    settings = Settings(arch=arch, precision=precision, threads=threads, render=render, estimate=which)
+    settings = Settings(arch=arch, precision=precision, threads=threads, render=render, estimate=which, cascade=cascade)
 
     def work() -> RunResult:
         with clock.phase("setup", "reading the mesh"):
             found = build_mesh(scene, base, repair=repair) if given is None else with_scene_groups(scene, given)
             model = build_model(scene, found, probes)
-        return _carry_out(model, settings, clock, out=out)
+            chain = cascade_of(model, cascade)
+        return _carry_out(model, settings, clock, out=out, chain=chain)
 
     with _sole_writer(out):
         return in_turn(work, clock.stop)
@@ -116,7 +122,7 @@ def resume(
         with clock.phase("setup", "reading the run"):
             saved = read_run(Path(directory))
             if not saved.complete:
-                _refuse_other_probes(saved, probes or {})
+                refuse_other_probes(saved, probes or {})
             model = build_model(saved.scene, saved.given, probes)
             if saved.scene.forms and saved.steps:
                 from taichi_membrane.simulation import rest_shape
@@ -150,12 +156,22 @@ def _sole_writer(out: Path | None) -> AbstractContextManager[None]:
 
 
 def _carry_out(
-    model: Model, settings: Settings, clock: Clock, *, out: Path | None, saved: SavedRun | None = None
+    model: Model,
+    settings: Settings,
+    clock: Clock,
+    *,
+    out: Path | None,
+    saved: SavedRun | None = None,
+    chain: Sequence[Refined] = (),
 ) -> RunResult:
-    """Solve the load steps that are not saved yet; write, judge and draw all."""
-    observer = clock.observer
+    """Solve the load steps that are not saved yet; write, judge and draw all.
+
+    :param chain: the models on finer meshes that they are carried over to, the last of which is run.
+    """
+    observer, coarse, model = clock.observer, model, chain[-1].model if chain else model
     with clock.phase("setup"):
-        fine = _refined(model, settings)  # what cannot be refined is refused before anything is solved
+        fine = refined_for(model, settings)  # what cannot be refined is refused before anything is solved
+        check_adaptable(model)
     with clock.phase("start", "starting Taichi"):
         from taichi_membrane.device import runtime
 
@@ -171,15 +187,18 @@ def _carry_out(
 
     probes.validate(model)
     probes.validate_own(model)
+    model, adaption = adapted(model, clock) if saved is None else (model, saved.adaption)
     with clock.phase("setup"):
+        if adaption is not None:
+            fine = refined_for(model, settings)
         solver = chosen_solver(model)
         model.structure.prepare(matrix=solver.kind != "relaxation")
         if fine is not None:
             fine.model.structure.prepare(matrix=chosen_solver(fine.model).kind != "relaxation")
     provenance = _provenance(model, active, solver)
     if saved is not None:
-        _refuse_other_bits(saved, provenance)
-    writer = _writer(out, model, settings, provenance, saved)
+        refuse_other_bits(saved, provenance)
+    writer = _writer(out, model, settings, provenance, saved, adaption)
     with clock.phase("compile", "compiling kernels"):
         # Uploads compile a kernel for every type of field, so they belong here too.
         if fine is not None:
@@ -187,11 +206,11 @@ def _carry_out(
         work = analysis.ready(model)
     result = RunResult(
         scene=model.scene, mesh=model.structure.mesh, steps=() if saved is None else saved.steps, checks=(),
-        seconds=clock.seconds, provenance=provenance, directory=out,
+        seconds=clock.seconds, provenance=provenance, directory=out, adaption=adaption,
     )  # fmt: skip
     try:
         observer.phase("solving")
-        steps = work.steps(clock.progress, done=result.steps)
+        steps, told = stepping(work, coarse, chain, clock, result.steps)
         while (step := clock.timed("solve", lambda: next(steps, None))) is not None:
             result = replace(result, steps=(*result.steps, step), mesh=work.model.structure.mesh)
             observer.step_done(step)
@@ -205,7 +224,7 @@ def _carry_out(
         # Also after Ctrl-C: what was computed is judged, drawn and kept.
         _finish(replace(result, outcome=work.outcome), work.model, writer, clock, render=settings.render)
         raise
-    result, model = replace(result, outcome=work.outcome), work.model
+    result, model = replace(result, outcome=work.outcome, cascade=told()), work.model
     if fine is not None and any(step.converged for step in result.steps):
         try:
             result = replace(result, estimate=_estimated(model, fine, result.steps, settings, clock))
@@ -213,18 +232,6 @@ def _carry_out(
             _finish(result, model, writer, clock, render=settings.render)
             raise
     return _finish(result, model, writer, clock, render=settings.render)
-
-
-def _refined(model: Model, settings: Settings) -> Refined | None:
-    """The model on its mesh cut in four, where errors are to be estimated.
-
-    :raises InputError: it cannot be.
-    """
-    if not settings.estimate:
-        return None
-    from taichi_membrane.simulation.refined import refined
-
-    return refined(model)
 
 
 def _estimated(model: Model, fine: Refined, steps: Sequence[StepResult], settings: Settings, clock: Clock) -> Estimate:
@@ -237,7 +244,12 @@ def _estimated(model: Model, fine: Refined, steps: Sequence[StepResult], setting
 
 
 def _writer(
-    out: Path | None, model: Model, settings: Settings, provenance: dict[str, Any], saved: SavedRun | None
+    out: Path | None,
+    model: Model,
+    settings: Settings,
+    provenance: dict[str, Any],
+    saved: SavedRun | None,
+    adaption: Adaption | None,
 ) -> Writer | None:
     """The writer of a run's files, where files are wanted."""
     if out is None:
@@ -254,20 +266,8 @@ def _writer(
         tri_fabric=structure.tri_fabric.astype(np.int32),
         saved=saved,
         own_probes=model.own_probes,
+        adaption=adaption,
     )
-
-
-def _refuse_other_probes(saved: SavedRun, given: Mapping[str, ProbeFunction]) -> None:
-    """Refuse to go on without the functions that the run measured with: files do not hold them.
-
-    :raises InputError: other names than those that the run was begun with.
-    """
-    if set(given) != set(saved.own_probes):
-        begun, now = (", ".join(sorted(names)) or "none" for names in (saved.own_probes, given))
-        raise InputError(
-            f"{saved.directory}: this run was begun in Python with probes of its own: {begun}; given are: {now}; "
-            "go on with resume(..., probes={...}) and the same functions"
-        )
 
 
 def read_result(directory: Path) -> RunResult:
@@ -295,32 +295,22 @@ def _result(saved: SavedRun) -> RunResult:
         outcome=saved.outcome,
         layers=saved.layers,
         estimate=saved.estimate,
+        adaption=saved.adaption,
+        cascade=saved.cascade,
         directory=saved.directory,
         files=saved.files,
     )
 
 
-def _refuse_other_bits(saved: SavedRun, provenance: dict[str, Any]) -> None:
-    """Refuse to go on with what would round otherwise than what there is.
-
-    :raises InputError: other versions, another back end, precision or solver.
-    """
-    for key in ("taichi_membrane", "taichi", "numpy", "scipy", "arch", "precision", "solver"):
-        before, now = saved.provenance.get(key), provenance[key]
-        if before != now:
-            raise InputError(
-                f"{saved.directory}: this run was begun with {key} {before}, and here it is {now}: the rest would not be "
-                "what it would have been; run its scene again"
-            )
-
-
 def _finish(result: RunResult, model: Model, writer: Writer | None, clock: Clock, *, render: bool) -> RunResult:
     """Judge the checks and the mesh, draw the pictures and write the final summary."""
     from taichi_membrane.simulation import probes
+    from taichi_membrane.simulation.judging import judged
     from taichi_membrane.simulation.told_layers import told_layers
 
     checks = probes.run_checks(result.scene, result.steps)
     result = replace(result, checks=checks, layers=told_layers(model, result.steps))
+    result = replace(result, adaption=judged(result.adaption, result))
     if writer is None or not result.steps:
         return result
     if render:
@@ -345,6 +335,7 @@ def summarise(scene: Scene, base: Path | None = None, *, repair: bool = False) -
     scene = with_surfaces(scene, base)
     model = build_model(scene, build_mesh(scene, base, repair=repair))
     probes.validate(model)
+    check_adaptable(model)
     compiled_in, left_out = model.structure.features().describe()
     return model, compiled_in, left_out
 

@@ -1,11 +1,20 @@
-"""What a run says of its own accuracy, in the summary and read back: boundary layers, and estimates of errors."""
+"""What a run says of its own accuracy, in the summary and read back: boundary layers, estimates of errors, refinement."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from typing import Any
 
-from taichi_membrane.simulation.accuracy import Estimate, Layer, LayerSide, ProbeEstimate, StepEstimate
+from taichi_membrane.simulation.accuracy import (
+    Adaption,
+    Cascade,
+    Estimate,
+    Layer,
+    LayerSide,
+    ProbeEstimate,
+    Round,
+    StepEstimate,
+)
 
 
 def layer_record(layer: Layer) -> dict[str, Any]:
@@ -65,4 +74,51 @@ def estimate_of(record: dict[str, Any] | None) -> Estimate | None:
             )
             for one in record["steps"]
         ),
+    )
+
+
+def adaption_record(adaption: Adaption | None) -> dict[str, Any] | None:
+    """What a mesh was refined for, for the summary."""
+    return None if adaption is None else {**asdict(adaption), "reached": adaption.reached}
+
+
+def adaption_of(record: dict[str, Any] | None) -> Adaption | None:
+    """What a record says that a mesh was refined for."""
+    if record is None:
+        return None
+    rounds = [
+        Round(
+            node_count=int(one["node_count"]),
+            tri_count=int(one["tri_count"]),
+            value=float(one["value"]),
+            allowed=float(one["allowed"]),
+            error=None if one["error"] is None else float(one["error"]),
+            fine=None if one["fine"] is None else float(one["fine"]),
+            unknown=str(one["unknown"]),
+            layers=tuple(map(str, one["layers"])),
+            indicator=float(one["indicator"]),
+            iterations=int(one["iterations"]),
+            seconds=float(one["seconds"]),
+        )
+        for one in record["rounds"]
+    ]
+    return Adaption(
+        probe=str(record["probe"]),
+        surface=str(record["surface"]),
+        rounds=tuple(rounds),
+        verdict=record["verdict"],
+        told=str(record["told"]),
+    )
+
+
+def cascade_of(record: dict[str, Any] | None) -> Cascade | None:
+    """How a record says that a run came from coarse meshes to its own."""
+    if record is None:
+        return None
+    return Cascade(
+        elements=tuple(map(int, record["elements"])),
+        iterations=tuple(map(int, record["iterations"])),
+        seconds=tuple(map(float, record["seconds"])),
+        carried=int(record["carried"]),
+        reason=str(record["reason"]),
     )

@@ -27,10 +27,10 @@ from taichi_membrane.mechanics.wall_search import Touched
 from taichi_membrane.mesh import Mesh, placed, with_added_nodes
 from taichi_membrane.mesh.check import frozen
 from taichi_membrane.names import Outcome
-from taichi_membrane.output.accuracy import estimate_of, layer_of
+from taichi_membrane.output.accuracy import adaption_of, cascade_of, estimate_of, layer_of
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.messages import mistakes
-from taichi_membrane.simulation.accuracy import Estimate, Layer
+from taichi_membrane.simulation.accuracy import Adaption, Cascade, Estimate, Layer
 from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.policy import Passage
 from taichi_membrane.simulation.results import Floats, ModeResult, Settings, StepResult
@@ -57,6 +57,7 @@ class SavedRun:
     :param seconds: time spent in each phase so far.
     :param complete: all is done, the last summary included; nothing is left to do. ``outcome`` then tells how it ended.
     :param layers: boundary layers, of a run that has ended, and ``estimate`` errors, where they were asked for.
+    :param adaption: what the mesh was refined for, where it was.
     :param own_probes: names of its probes beside the scene's.
     :param mesh_checksum: SHA-256 of mesh.vtu.
     :param files: what the run wrote, in order.
@@ -75,6 +76,8 @@ class SavedRun:
     outcome: Outcome
     layers: tuple[Layer, ...]
     estimate: Estimate | None
+    adaption: Adaption | None
+    cascade: Cascade | None
     records: tuple[dict[str, Any], ...]
     mesh_checksum: str
     files: tuple[Path, ...]
@@ -108,6 +111,8 @@ def read_run(directory: Path) -> SavedRun:
             outcome=summary.get("outcome", "interrupted"),
             layers=tuple(map(layer_of, summary.get("layers", ()))),
             estimate=estimate_of(summary.get("estimate")),
+            adaption=adaption_of(summary.get("adaption")),
+            cascade=cascade_of(summary.get("cascade")),
             records=records,
             mesh_checksum=mesh_checksum,
             files=tuple(directory / Path(name).name for name in summary["files"]),
@@ -183,10 +188,12 @@ def _damage_told(directory: Path) -> Iterator[None]:
         raise InputError(f"{directory / SUMMARY}: damaged: {type(error).__name__}: {error}") from error
 
 
-def _settings(arch: Any, precision: Any, threads: Any, render: Any, estimate: Any = "") -> Settings:
+def _settings(arch: Any, precision: Any, threads: Any, render: Any, estimate: Any = "", cascade: Any = 0) -> Settings:
     """What the run was asked for; the names are checked where Taichi is started."""
     count = None if threads is None else int(threads)
-    return Settings(arch=arch, precision=precision, threads=count, render=bool(render), estimate=estimate)
+    return Settings(
+        arch=arch, precision=precision, threads=count, render=bool(render), estimate=estimate, cascade=int(cascade)
+    )
 
 
 def _scene(directory: Path, summary: dict[str, Any]) -> Scene:

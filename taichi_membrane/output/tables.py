@@ -9,7 +9,7 @@ from itertools import groupby
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_label, driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
-from taichi_membrane.simulation.accuracy import COARSEST, Estimate, Layer, LayerSide
+from taichi_membrane.simulation.accuracy import COARSEST, Adaption, Estimate, Layer, LayerSide, Round
 from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import CheckResult, StepResult
 
@@ -207,3 +207,33 @@ def step_words(scene: Scene, step: StepResult) -> str:
     elif step.limit is not None:
         parts.append("largest stable load")
     return ", ".join(parts)
+
+
+def round_text(scene: Scene, probe: str, found: Round) -> str:
+    """A mesh of a refinement in words."""
+    unit = probe_unit(scene, probe)
+    error = "error not known" if found.error is None else f"error {found.error:+.2g} {unit}"
+    text = f"{probe} {with_unit(found.value, unit)}, {error}, allowed {found.allowed:.2g}"
+    return f"{text}; layers not resolved: {'; '.join(found.layers)}" if found.layers else text
+
+
+def adaption_columns(scene: Scene, adaption: Adaption) -> list[Column]:
+    """The table of a refinement, a row for each mesh."""
+    rounds, unit = adaption.rounds, probe_unit(scene, adaption.probe)
+    return [
+        Column("elements", [str(one.tri_count) for one in rounds]),
+        Column(f"{adaption.probe} [{unit}]" if unit else adaption.probe, [f"{one.value:.6g}" for one in rounds]),
+        Column("cut in four", ["-" if one.fine is None else f"{one.fine:.6g}" for one in rounds]),
+        Column("error", ["unknown" if one.error is None else f"{one.error:+.2g}" for one in rounds]),
+        Column("allowed", [f"{one.allowed:.2g}" for one in rounds]),
+        Column("layers missed", [str(len(one.layers)) for one in rounds]),
+        Column("seconds", [f"{one.seconds:.1f}" for one in rounds]),
+    ]
+
+
+def adaption_line(adaption: Adaption) -> str:
+    """What became of a refinement."""
+    told = f"{adaption.verdict}: {adaption.told}" if adaption.told else adaption.verdict
+    if adaption.reached:
+        return f"{told}: the estimated error of {adaption.probe} is within what is allowed; new nodes lie on {adaption.surface}"
+    return f"NOT REACHED for {adaption.probe}: {told}; new nodes lie on {adaption.surface}"

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from taichi_membrane import fields
 from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
-from taichi_membrane.output.accuracy import estimate_record, layer_record
+from taichi_membrane.output.accuracy import adaption_record, estimate_record, layer_record
 from taichi_membrane.output.atomic import replacing
 from taichi_membrane.output.case_tables import case_records, write_cases
 from taichi_membrane.output.lock import LOCK
@@ -53,6 +53,7 @@ from taichi_membrane.output.vtu import write_vtu
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.drivers import driver_names, driver_unit
 from taichi_membrane.scene.units import probe_unit
+from taichi_membrane.simulation.accuracy import Adaption
 from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.policy import told
 from taichi_membrane.simulation.results import RunResult, Settings, StepResult
@@ -83,6 +84,7 @@ class Writer:
     :param mesh: as it was given, before form finding.
     :param saved: the run in ``directory`` to go on with.
     :param own_probes: names of probes beside the scene's.
+    :param adaption: what the mesh was refined for.
     :raises InputError: the folder cannot be made or written, or holds files but no run of this program.
     """
 
@@ -97,8 +99,10 @@ class Writer:
         tri_fabric: NDArray[np.int32],
         saved: SavedRun | None = None,
         own_probes: Collection[str] = (),
+        adaption: Adaption | None = None,
     ) -> None:
         self.directory = directory
+        self._adaption = adaption
         self._scene, self._mesh, self._tri_fabric = scene, mesh, tri_fabric
         self._lines, self._cable = line_elements(scene, mesh)
         self._settings, self._provenance = settings, dict(provenance)
@@ -151,7 +155,9 @@ class Writer:
             "checks": [asdict(check) for check in result.checks],
             "layers": [layer_record(layer) for layer in result.layers],
             "estimate": estimate_record(result.estimate),
+            **({} if result.cascade is None else {"cascade": asdict(result.cascade)}),
         }
+        self._adaption = result.adaption
         if result.scene.cases:
             verdict |= case_records(result)
             for path in write_cases(result, self.directory):
@@ -233,6 +239,7 @@ class Writer:
             "format_version": FORMAT_VERSION,
             "complete": complete,
             **(verdict or {}),
+            **({} if self._adaption is None else {"adaption": adaption_record(self._adaption)}),
             "settings": asdict(self._settings),
             "provenance": self._provenance,
             "seconds": dict(seconds),

@@ -10,6 +10,8 @@ import numpy as np
 
 from taichi_membrane.output.case_tables import case_columns, range_columns, reaction_columns, worst_reaction_columns
 from taichi_membrane.output.tables import (
+    adaption_columns,
+    adaption_line,
     check_columns,
     estimate_columns,
     estimate_notes,
@@ -69,7 +71,8 @@ def _is_number(text: str) -> bool:
 def all_tables(result: RunResult) -> list[Table]:
     """Every table of the page, in order."""
     return [
-        *_cases(result), _steps(result), _checks(result), _errors(result), _layers(result), _reactions(result), _at_rest(result),
+        *_cases(result), _steps(result), _checks(result), _errors(result), _refined(result), _layers(result),
+        _reactions(result), _at_rest(result),
         _supports(result), _loads(result), _fabrics(result), _provenance(result),
     ]  # fmt: skip
 
@@ -129,6 +132,16 @@ def _errors(result: RunResult) -> Table:
         ["Load steps solved again on the mesh cut in four", *estimate_notes(result.estimate, result.layers)]
     )
     return Table("errors", "Estimated errors", [column.header or "share" for column in columns], rows, None, f"{note}.")
+
+
+def _refined(result: RunResult) -> Table:
+    """The meshes of a refinement."""
+    if result.adaption is None:
+        return Table("refined", "Refinement of the mesh", [], [])
+    columns = adaption_columns(result.scene, result.adaption)
+    rows = list(zip(*(column.cells for column in columns), strict=True))
+    note = f"Errors by each mesh cut in four. {adaption_line(result.adaption)}."
+    return Table("refined", "Refinement of the mesh", [column.header for column in columns], rows, None, note)
 
 
 def _layers(result: RunResult) -> Table:

@@ -22,7 +22,7 @@ from taichi_membrane.parametric.task import packed
 from taichi_membrane.scene import Scene
 from taichi_membrane.scene.file import read_data, resolve_scene, value_at, with_overrides
 from taichi_membrane.scene.messages import not_one_of
-from taichi_membrane.scene.models import DIFFERENTIABLE
+from taichi_membrane.scene.probe import DIFFERENTIABLE
 
 Floats = NDArray[np.float64]
 CONFIDENCE = 0.95

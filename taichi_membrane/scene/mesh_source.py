@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from taichi_membrane.scene.adapt import Adapt
 from taichi_membrane.scene.base import Count, Positive, PositiveLength, Record
 from taichi_membrane.scene.built import (
     AirbagShape,
@@ -75,6 +76,8 @@ class TubeShape(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 class ArchShape(Record):
@@ -100,6 +103,8 @@ class ArchShape(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 class CushionShape(Record):
@@ -121,6 +126,8 @@ class CushionShape(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 class PanelShape(Record):
@@ -142,6 +149,8 @@ class PanelShape(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 class SphereShape(Record):
@@ -157,6 +166,8 @@ class SphereShape(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 class DiscShape(Record):
@@ -174,6 +185,8 @@ class DiscShape(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 class AnnulusShape(Record):
@@ -193,6 +206,8 @@ class AnnulusShape(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 class WedgeShape(Record):
@@ -212,6 +227,8 @@ class WedgeShape(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 class GivenMesh(Record):
@@ -223,6 +240,8 @@ class GivenMesh(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 class MeshFile(Record):
@@ -246,6 +265,8 @@ class MeshFile(Record):
     """1 for triangles of three nodes, flat and of one strain; 2 for curved ones of six, with nodes amid their sides."""
     points: Points = 3
     """Points at which a six-node triangle samples strain."""
+    adapt: Adapt | None = None
+    """Refine the mesh until the estimated error of a probe is small enough."""
 
 
 MeshSource = Annotated[

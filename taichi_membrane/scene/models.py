@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ModelWrapValidatorHandler, model_validator
 
 from taichi_membrane import fields
-from taichi_membrane.scene import case, drivers, forming, order, texts, valves
+from taichi_membrane.scene import adapt, case, drivers, forming, order, texts, valves
 from taichi_membrane.scene.base import MOST, Label, Name, Place, Record
 from taichi_membrane.scene.case import Case
 from taichi_membrane.scene.check import Check
@@ -26,6 +26,7 @@ from taichi_membrane.scene.members import Cable, Plane, Spring
 from taichi_membrane.scene.mesh_source import MeshSource
 from taichi_membrane.scene.obstacles import WALLS, Obstacle, WallContact
 from taichi_membrane.scene.probe import (
+    DIFFERENTIABLE,
     AbsoluteProbe,
     BodyProbe,
     CableProbe,
@@ -39,7 +40,6 @@ from taichi_membrane.scene.stage import Stage
 from taichi_membrane.scene.support import Body, BodyRotation, BodyTranslation, Motion, Support
 from taichi_membrane.scene.unit_names import FieldUnits, Units
 
-DIFFERENTIABLE = ("displacement", "radius", "rotation", "volume")  # kinds of probes that derivatives exist for
 _FEW = Field(max_length=MOST)
 
 
@@ -195,6 +195,7 @@ class Scene(Record):
     @model_validator(mode="after")
     def _six_nodes(self) -> Self:
         order.check(self)
+        adapt.check(self)
         return self
 
     @property

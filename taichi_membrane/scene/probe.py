@@ -8,6 +8,8 @@ from pydantic import Field
 
 from taichi_membrane.scene.base import Component, Direction, GroupName, Name, Place, Record
 
+DIFFERENTIABLE = ("displacement", "radius", "rotation", "volume")  # kinds that derivatives exist for
+
 
 class DisplacementProbe(Record):
     """Mean displacement of a node group along x, y, z, or its ``magnitude``."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from taichi_membrane.names import AdaptVerdict
+
 # Sizes of elements over the length of a layer above which a mesh does not see it.
 COARSEST = 2.0
 
@@ -99,3 +101,68 @@ class Estimate:
     tri_count: int
     left_out: tuple[str, ...]
     steps: tuple[StepEstimate, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Round:
+    """One mesh of a refinement.
+
+    :param value: of the probe at the last load step; ``allowed`` the error allowed.
+    :param error: estimated, as :attr:`ProbeEstimate.error`; None where it is not known, and ``unknown`` says why.
+    :param fine: the probe on the mesh cut in four.
+    :param layers: what disturbs the lines whose layers the mesh does not resolve.
+    :param indicator: sum over elements of what they are thought to contribute: it ranks them, and estimates nothing.
+    """
+
+    node_count: int
+    tri_count: int
+    value: float
+    allowed: float
+    error: float | None
+    fine: float | None
+    unknown: str
+    layers: tuple[str, ...]
+    indicator: float
+    iterations: int
+    seconds: float
+
+    @property
+    def meets(self) -> bool:
+        """Whether the estimate meets the tolerance."""
+        return self.error is not None and abs(self.error) <= self.allowed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adaption:
+    """What a mesh was refined for, and what became of it.
+
+    :param surface: what new nodes lie on.
+    :param verdict: ``reached`` only where the estimate meets the tolerance and layers are resolved; ``told`` says it in words.
+    """
+
+    probe: str
+    surface: str
+    rounds: tuple[Round, ...]
+    verdict: AdaptVerdict
+    told: str
+
+    @property
+    def reached(self) -> bool:
+        """Whether the error is as small as was asked for, as far as it can be told."""
+        return self.verdict == "reached"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cascade:
+    """How a run came from coarse meshes to its own.
+
+    :param elements: of each mesh, the coarsest first; ``iterations`` and ``seconds`` of all load steps that were solved there.
+    :param carried: load steps on the finest mesh that were found from those of the mesh before.
+    :param reason: why the others were not, where a state was lost.
+    """
+
+    elements: tuple[int, ...]
+    iterations: tuple[int, ...]
+    seconds: tuple[float, ...]
+    carried: int = 0
+    reason: str = ""

@@ -1,4 +1,4 @@
-"""Load steps solved again on the mesh cut in four, from their own states carried over, and what the differences tell of errors.
+"""Load steps solved again on a finer mesh, from their own states carried over, and what the differences tell of errors.
 
 With the exact value v, one of size h is v + C h^p, so that v_h - v = (v_h - v_{h/2}) 2^p/(2^p - 1). The order p is taken, not
 measured. Triangles of degree k in equilibrium have strains wrong by h^k, and what is smooth in the displacements, a deflection, a
@@ -35,6 +35,10 @@ from taichi_membrane.solvers.record import SolveRecord, joined
 _FAR = 0.3
 
 
+# A load step, its end on the fine mesh, and why there is none.
+Solved = tuple[StepResult, StepResult | None, str]
+
+
 @dataclass(frozen=True)
 class _End:
     """Where a stage or case ended.
@@ -51,13 +55,21 @@ class _End:
 
 
 class Again:
-    """A run's load steps on its mesh cut in four.
+    """A run's load steps on a finer mesh.
 
     :param work: an analysis of the fine model, compiled.
+    :param what: what the fine mesh is called in messages.
     """
 
-    def __init__(self, coarse: Model, fine: Refined, work: Analysis, progress: ProgressCallback | None = None) -> None:
-        self.coarse, self.fine, self.work, self.progress = coarse, fine, work, progress
+    def __init__(
+        self,
+        coarse: Model,
+        fine: Refined,
+        work: Analysis,
+        progress: ProgressCallback | None = None,
+        what: str = "the mesh cut in four",
+    ) -> None:
+        self.coarse, self.fine, self.work, self.progress, self.what = coarse, fine, work, progress, what
         self.equilibrium = work.equilibrium
 
     def estimate(self, steps: Sequence[StepResult], which: EstimatedSteps) -> Estimate:
@@ -69,11 +81,16 @@ class Again:
             node_count=mesh.node_count,
             tri_count=mesh.tri_count,
             left_out=self.fine.left_out,
-            steps=tuple(self._estimates(done, {step.number for step in wanted})) if wanted else (),
+            steps=tuple(self._of_step(*one) for one in self.solved(done, {step.number for step in wanted})),
         )
 
-    def _estimates(self, done: Sequence[StepResult], wanted: set[int]) -> Iterator[StepEstimate]:
-        """Those of wanted steps. The gas that a stage or case shuts in is that of the stage before, on this mesh as well."""
+    def solved(self, done: Sequence[StepResult], wanted: set[int]) -> Iterator[Solved]:
+        """Wanted load steps, by their numbers, each with its end on the fine mesh; none, and why, where that is not found.
+
+        The gas that a stage or case shuts in is that of the stage before, on this mesh as well.
+
+        :param done: the load steps of the run, without those that are no equilibrium; of each stage or case at least the last one.
+        """
         scene = self.coarse.scene
         ran = [ramp for ramp in scene.ramps if any(step.stage == ramp.name for step in done)]
         gas = any(shut_by(scene, ramp) for ramp in ran)
@@ -86,7 +103,7 @@ class Again:
 
     def _of_ramp(
         self, ramp: Stage, start: _End, own: Sequence[StepResult], wanted: set[int], gas: bool
-    ) -> Generator[StepEstimate, None, _End]:
+    ) -> Generator[Solved, None, _End]:
         """Those of a stage or case; returns its end."""
         course = Course(start.fine, stage_target(start.fine, ramp))
         if start.step is not None:
@@ -103,7 +120,7 @@ class Again:
             if found is None and carries:
                 lost = lost or f"{step.stage} {step.stage_step}: {why}"
             if asked:
-                yield self._of_step(step, found, why)
+                yield step, found, why
             if carries:
                 end = found
         coarse = LoadState(own[-1].drivers)
@@ -135,7 +152,7 @@ class Again:
         if not record.converged:
             record = joined(record, self._walked(stage, course, share, since, report))
         if not record.converged:
-            return None, f"no equilibrium was found on the mesh cut in four ({record.reason})"
+            return None, f"no equilibrium was found on {self.what} ({record.reason})"
         found = self._measured(step, stage, course, share, record, started)
         if _less_stable(found, step) and self.equilibrium.newton is not None:
             self.equilibrium.newton.disturb()
@@ -144,12 +161,12 @@ class Again:
                 found = self._measured(step, stage, course, share, joined(record, again), started)
         if _less_stable(found, step):
             told = f"{found.negative_pivots} negative pivots, {step.negative_pivots} on its own mesh"
-            return None, f"the equilibrium found on the mesh cut in four is unstable ({told})"
+            return None, f"the equilibrium found on {self.what} is unstable ({told})"
         off, size = (float(np.sqrt((one**2).sum(axis=1).mean())) for one in (found.displacement - start, start))
         if off > _FAR * size > 0.0:
             return (
                 None,
-                f"what was found on the mesh cut in four is {100.0 * off / size:.0f} % of the displacements away",
+                f"what was found on {self.what} is {100.0 * off / size:.0f} % of the displacements away",
             )
         return found, ""
 

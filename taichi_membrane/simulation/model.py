@@ -226,7 +226,7 @@ def build_mesh(scene: Scene, base: Path | None = None, *, repair: bool = False) 
     :raises InputError: the shape's numbers, the mesh file or a group's condition are bad.
     """
     source = scene.mesh
-    arguments = source.model_dump(exclude={"shape", "points"})
+    arguments = source.model_dump(exclude={"shape", "points", "adapt"})
     if source.shape == "file":
         path = (base or Path()) / source.path
         mesh = meshes.read_mesh(path, repair=repair, scale=source.scale, open_seams=source.open_seams, join=source.join)

@@ -19,6 +19,7 @@ Event = Literal[
     "load control",  # equilibrium found at the aim by raising the load, and verified
     "unverified start",  # found, and stable; but it started from no stable equilibrium with a tangent, so nothing can be compared
     "contact",  # found, and stable; nodes have met obstacles or left them on the way, so that its stiffness can't be compared
+    "carried over",  # found from the state on a coarser mesh, and no less stable; the way to it is compared with nothing
     "unverified",  # found; with friction, which has no potential, or walls that touch each other it is compared with nothing
     "bisected",  # the way was cut in two: too curved to be verified in one
     "kink",  # still too curved at the shortest part, but without a sign of a jump

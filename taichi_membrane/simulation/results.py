@@ -14,7 +14,7 @@ from taichi_membrane import fields
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, EstimatedSteps, Outcome, Precision, Verdict
 from taichi_membrane.scene import Case, Scene
-from taichi_membrane.simulation.accuracy import Estimate, Layer
+from taichi_membrane.simulation.accuracy import Adaption, Cascade, Estimate, Layer
 from taichi_membrane.simulation.load_state import of_kind
 from taichi_membrane.simulation.policy import Trace
 from taichi_membrane.simulation.state import State
@@ -233,6 +233,7 @@ class Settings:
     threads: int | None = None
     render: bool = True
     estimate: EstimatedSteps = ""
+    cascade: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,6 +245,8 @@ class RunResult:
     :param outcome: how the run ended.
     :param layers: of all lines beside which the wall is disturbed, how long boundary layers are and whether the mesh resolves them.
     :param estimate: errors of probes, where they were asked for and the stages came to an end.
+    :param adaption: what the mesh was refined for, and what became of it, where the scene asks for that.
+    :param cascade: how the run came from coarse meshes to its own, where that was asked for.
     :param directory: where files were written; None when none were.
     """
 
@@ -256,6 +259,8 @@ class RunResult:
     outcome: Outcome = "interrupted"
     layers: tuple[Layer, ...] = ()
     estimate: Estimate | None = None
+    adaption: Adaption | None = None
+    cascade: Cascade | None = None
     directory: Path | None = None
     files: tuple[Path, ...] = field(default=())
 
@@ -289,8 +294,8 @@ class RunResult:
 
     @property
     def passed(self) -> bool:
-        """True when every check of the scene holds."""
-        return all(check.passed for check in self.checks)
+        """True when every check of the scene holds, and a mesh that is refined for a probe's error meets its tolerance."""
+        return all(check.passed for check in self.checks) and (self.adaption is None or self.adaption.reached)
 
     def probe(self, name: str) -> Floats:
         """A probe's value at every load step."""

@@ -39,12 +39,21 @@ def derivatives(
     forces = dict(_force_derivatives(model, newton, filling))
     found = {}
     for name in model.scene.derivatives:
-        gradient = newton.system.in_frames(_gradient(model, name, displacement))
-        adjoint = factor.solve_transposed(np.where(newton.free, gradient, 0.0), GOOD)
-        if not np.isfinite(adjoint).all():
+        adjoint = adjoint_of(model, newton, factor, name, displacement)
+        if adjoint is None:
             return {}, f"{factor.refusal} (more than {GOOD:g} of the gradient of {name} is left)"
         found[name] = {parameter: float(np.vdot(adjoint, force)) for parameter, force in forces.items()}
     return found, ""
+
+
+def adjoint_of(model: Model, newton: Newton, factor: Factor, name: str, displacement: Floats) -> Floats | None:
+    """(node_count, 3) a of a probe, in the axes that supports refer to: what unit forces at the nodes change it by.
+
+    None where the solution is not good; the factor's ``refusal`` says why.
+    """
+    gradient = newton.system.in_frames(_gradient(model, name, displacement))
+    adjoint = factor.solve_transposed(np.where(newton.free, gradient, 0.0), GOOD)
+    return adjoint if np.isfinite(adjoint).all() else None
 
 
 def _force_derivatives(model: Model, newton: Newton, filling: Filling) -> Iterator[tuple[str, Floats]]:

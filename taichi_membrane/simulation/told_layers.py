@@ -53,6 +53,23 @@ def told_layers(model: Model, steps: Sequence[StepResult] = ()) -> tuple[Layer, 
 
     :param steps: of a run, whose last equilibrium tells resultants and curvatures; without one, as foreseen at rest.
     """
+    return tuple(layer for layer, _ in _told(model, steps))
+
+
+def unseen(model: Model, steps: Sequence[StepResult]) -> tuple[tuple[Layer, ...], Marks]:
+    """The layers that a mesh does not resolve, and (tri_count,) the triangles beside their lines, on sides that are too coarse."""
+    found, marked = [], np.zeros(model.structure.mesh.tri_count, dtype=bool)
+    for layer, line in _told(model, steps):
+        if layer.resolved is False:
+            found.append(layer)
+            for told, side in zip(layer.sides, line.sides, strict=True):
+                if told.resolved is False:
+                    marked[side.triangles] = True
+    return tuple(found), marked
+
+
+def _told(model: Model, steps: Sequence[StepResult]) -> Iterator[tuple[Layer, SurfaceLine]]:
+    """Each layer and its line."""
     structure = model.structure
     mesh = structure.mesh
     ended = [step for step in steps if step.converged]
@@ -61,15 +78,13 @@ def told_layers(model: Model, steps: Sequence[StepResult] = ()) -> tuple[Layer, 
     else:
         state = _State(mesh.points, _largest_pressure(model), None)
     groups = {name: _marks(members, mesh.tri_count) for name, members in mesh.tri_groups.items()}
-    found = []
     for causes, line in _lines(model, state.points):
         sides = tuple(
             _side(structure, line, side, name, state)
             for side, name in zip(line.sides, _names(line, groups), strict=True)
         )
         place = mesh.points[mesh.edge_table.nodes[line.edges]].mean(axis=(0, 1))
-        found.append(Layer(causes=causes, edge_count=len(line.edges), place=tuple(place.tolist()), sides=sides))
-    return tuple(found)
+        yield Layer(causes=causes, edge_count=len(line.edges), place=tuple(place.tolist()), sides=sides), line
 
 
 def _lines(model: Model, points: Floats) -> Iterator[tuple[tuple[str, ...], SurfaceLine]]:
