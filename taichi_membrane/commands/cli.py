@@ -29,6 +29,7 @@ from taichi_membrane.commands.common import (
 from taichi_membrane.commands.drawing import render, report
 from taichi_membrane.commands.fit import fit
 from taichi_membrane.commands.gallery import gallery
+from taichi_membrane.commands.new import new
 from taichi_membrane.commands.run import run
 from taichi_membrane.commands.study import study
 from taichi_membrane.commands.sweep import sweep
@@ -164,7 +165,7 @@ def schema(
     typer.echo(words.page().rstrip() if page else json.dumps(words.schema(), indent=2, ensure_ascii=False))
 
 
-for _command in (run, check, render, report, verify, stress, scenes, gallery, schema, study, sweep, fit):
+for _command in (run, check, new, render, report, verify, stress, scenes, gallery, schema, study, sweep, fit):
     app.command()(_command)
 
 
