@@ -9,6 +9,7 @@ from taichi_membrane.scene.base import (
 from taichi_membrane.scene.built import ArchTentShape, MattressShape
 from taichi_membrane.scene.case import Case
 from taichi_membrane.scene.check import Check
+from taichi_membrane.scene.combination import Combinations
 from taichi_membrane.scene.drawing import Camera, Curve, CurveLine, CurveReference
 from taichi_membrane.scene.element_field import ElementField, WarpSource
 from taichi_membrane.scene.fabric import Fabric, Safety
@@ -102,6 +103,7 @@ __all__ = [
     "Camera",
     "Case",
     "Check",
+    "Combinations",
     "Component",
     "Components",
     "ContactProbe",

@@ -71,7 +71,8 @@ Direction = Annotated[Vector, AfterValidator(_has_length)]
 GroupName = Annotated[str, Field(min_length=1, max_length=200)]  # groups of mesh files have names of any kind
 Label = Annotated[str, Field(max_length=300), AfterValidator(_readable)]
 Component = Literal["x", "y", "z"]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
+LONGEST_NAME = 60
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=LONGEST_NAME)]
 MOST = 1000  # entries of a table or list of a scene: each one may cost an array of the mesh's size
 Count = Annotated[int, Field(ge=1, le=100_000)]
 

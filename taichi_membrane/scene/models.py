@@ -13,10 +13,11 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ModelWrapValidatorHandler, model_validator
 
 from taichi_membrane import fields
-from taichi_membrane.scene import adapt, case, drivers, forming, order, texts, valves
+from taichi_membrane.scene import adapt, case, combination, drivers, forming, order, texts, valves
 from taichi_membrane.scene.base import MOST, Label, Name, Place, Record
 from taichi_membrane.scene.case import Case
 from taichi_membrane.scene.check import Check
+from taichi_membrane.scene.combination import Combinations
 from taichi_membrane.scene.drawing import Camera, Curve
 from taichi_membrane.scene.element_field import ElementField
 from taichi_membrane.scene.fabric import Fabric
@@ -103,6 +104,8 @@ class Scene(Record):
     """Ramps of pressures, loads and motions, one after another."""
     cases: Annotated[list[Case], _FEW] = []
     """Load cases, each from the end of a stage and independent of one another."""
+    combinations: Annotated[list[Combinations], _FEW] = []
+    """Rules that make load cases of others; once read, their cases stand in ``cases``."""
     probes: Annotated[dict[Name, Probe], _FEW] = {}
     """What is measured at every load step, by name."""
     checks: Annotated[list[Check], _FEW] = []
@@ -132,6 +135,7 @@ class Scene(Record):
         names = [stage.name for stage in self.stages]
         if len(set(names)) != len(names):
             raise ValueError(f"stages: two stages have one name: {', '.join(names)}")
+        combination.expand(self)
         case.check(self)
         names += [one.name for one in self.cases]
         forming.check(self)
