@@ -168,6 +168,22 @@ class AreaProbe(Record):
     """State that counts."""
 
 
+class DrainageProbe(Record):
+    """Whether water runs off a roof: the least slope of an element group, or the depth of the water that would stand in its hollows
+    after any amount of rain, on the shape as it is (the water's own weight, which may deepen them, is a load of kind ``water``).
+    Water leaves at the edges where the group ends."""
+
+    kind: Literal["drainage"]
+    """Least slope [degrees], or depth of standing water [length]."""
+    group: GroupName
+    """Element group of the roof."""
+    of: Literal["slope", "depth"]
+    """``slope`` of the flattest element against the horizontal [degrees]; largest ``depth`` of standing water [length], 0 where all
+    runs off."""
+    up: Direction = (0.0, 0.0, 1.0)
+    """Against gravity."""
+
+
 class CableProbe(Record):
     """Force, length, or slack share of a cable of the scene."""
 
@@ -227,6 +243,7 @@ Probe = Annotated[
     | UtilisationProbe
     | FactorProbe
     | AreaProbe
+    | DrainageProbe
     | CableProbe
     | BodyProbe
     | ContactProbe,

@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING
 
 from taichi_membrane import fields
 from taichi_membrane.scene.drivers import driver_unit
-from taichi_membrane.scene.probe import BodyProbe, CableProbe, ContactProbe, FactorProbe, ResultantProbe, StressProbe
+from taichi_membrane.scene.probe import (
+    BodyProbe,
+    CableProbe,
+    ContactProbe,
+    DrainageProbe,
+    FactorProbe,
+    ResultantProbe,
+    StressProbe,
+)
 
 if TYPE_CHECKING:
     from taichi_membrane.scene.models import Scene
@@ -23,7 +31,7 @@ def probe_unit(scene: Scene, name: str) -> str:
         return fields.named(f"{probe.which}_{probe.kind}").unit_label(scene.field_units)
     if isinstance(probe, CableProbe):
         return {"force": units.force, "length": units.length, "slack": ""}[probe.what]
-    kind = probe.of if isinstance(probe, BodyProbe | ContactProbe) else probe.kind
+    kind = probe.of if isinstance(probe, BodyProbe | ContactProbe | DrainageProbe) else probe.kind
     return {
         "displacement": units.length,
         "position": units.length,
@@ -32,6 +40,8 @@ def probe_unit(scene: Scene, name: str) -> str:
         "force": units.force,
         "moment": units.energy,
         "rotation": "°",
+        "slope": "°",
+        "depth": units.length,
         "volume": units.volume,
         "absolute_pressure": units.stress,
         "level": units.length,

@@ -15,6 +15,7 @@ from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
 from taichi_membrane.scene.base import Name
+from taichi_membrane.simulation.drainage import check_rim, drainage
 from taichi_membrane.simulation.groups import group_nodes, group_triangles
 from taichi_membrane.simulation.load_state import LoadState
 from taichi_membrane.simulation.members import line_elements
@@ -39,6 +40,8 @@ def validate(model: Model) -> None:
             elements = group_triangles(mesh, probe.group, key)
             if probe.kind == "resultant" and probe.which in ("warp", "weft", "shear"):
                 _refuse_undirected(model, elements, f"probes.{name}.which = {probe.which!r}")
+        elif isinstance(probe, scenes.DrainageProbe):
+            check_rim(mesh, group_triangles(mesh, probe.group, key), key)
         elif isinstance(probe, scenes.VolumeProbe):
             model.measured(probe)
         elif not isinstance(
@@ -162,6 +165,8 @@ def evaluate(
             values[name] = _mean_radius((mesh.points + displacement)[nodes], probe.axis)
         elif isinstance(probe, scenes.CableProbe):
             values[name] = _of_cable(probe, model, fields)
+        elif isinstance(probe, scenes.DrainageProbe):
+            values[name] = drainage(probe, mesh, group_triangles(mesh, probe.group, key), displacement)
         elif isinstance(probe, scenes.UtilisationProbe):
             values[name] = float(fields["utilisation"][group_triangles(mesh, probe.group, key)].max())
         else:
