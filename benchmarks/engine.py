@@ -1,4 +1,4 @@
-"""Time per element and iteration beside the bound in C, cold and warm start, and what leaving features out saves.
+"""Time per element and iteration beside the bound in C, cold and warm start (``start.py``), and what leaving features out saves.
 
     python benchmarks/engine.py [--quick] [--out FILE]
 
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from start import start_table
 
 HERE = Path(__file__).resolve().parent
 SCENE = HERE.parent / "scenes" / "cantilever.toml"
@@ -159,20 +160,6 @@ def in_fresh_process(case: dict[str, Any], cache: Path | None = None) -> dict[st
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def seconds_to_first_step(cache: Path) -> float:
-    """Wall time of a whole process that inflates the cantilever, files and pictures left out."""
-    code = (
-        "import sys, tomllib; from pathlib import Path; import taichi_membrane as tm\n"
-        f"data = tomllib.loads(Path({str(SCENE)!r}).read_text(encoding='utf-8'))\n"
-        "data['stages'] = data['stages'][:1]; data['checks'] = []; data.pop('curve')\n"
-        "assert tm.run(tm.Scene.model_validate(data)).converged"
-    )
-    environment = {**os.environ, "TI_OFFLINE_CACHE_FILE_PATH": str(cache)}
-    started = time.perf_counter()
-    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
-    return time.perf_counter() - started
-
-
 def speed_table(quick: bool) -> list[str]:
     """Rows of nanoseconds per element and iteration."""
     lines = [
@@ -232,16 +219,6 @@ def feature_table() -> list[str]:
     return lines
 
 
-def start_table() -> list[str]:
-    """Cold and warm start."""
-    lines = ["| start to first load step | seconds |", "|---|---|"]
-    with tempfile.TemporaryDirectory() as cache:
-        lines.append(f"| cold (kernels compiled) | {seconds_to_first_step(Path(cache)):.1f} |")
-        warm = min(seconds_to_first_step(Path(cache)) for _ in range(3))
-        lines.append(f"| warm (kernels from Taichi's cache) | {warm:.1f} |")
-    return lines
-
-
 def main() -> None:
     """Run the benchmark, or one case of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -256,7 +233,7 @@ def main() -> None:
         f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
         "",
     ]
-    for table in (speed_table(arguments.quick), feature_table(), start_table()):
+    for table in (speed_table(arguments.quick), feature_table(), start_table(1)):
         text += [*table, ""]
         print("\n".join([*table, ""]), flush=True)
     if arguments.out is not None:

@@ -12,7 +12,7 @@ from taichi_membrane.device.language import ti
 from taichi_membrane.mechanics import element, fabric
 from taichi_membrane.mechanics.element_state import ElementState
 from taichi_membrane.mechanics.features import Features
-from taichi_membrane.mechanics.nodes import Array, Nodes, blocks_of, fill, room
+from taichi_membrane.mechanics.nodes import Array, Nodes, blocks_of, few, fill, room
 from taichi_membrane.mechanics.preparation import FabricConstants
 from taichi_membrane.mechanics.pressure import Pressure
 from taichi_membrane.mechanics.strain_offset import StrainOffset
@@ -36,7 +36,7 @@ class NaturalTriangles:
         self.nodes, self.offset, self.pressure = nodes, offset, pressure
         self.features, self.fp, self.dtype = nodes.features, nodes.fp, nodes.dtype
         self.samples, self.ends = structure.samples, structure.mesh.cells.shape[1]
-        fp, features, fabrics = self.fp, self.features, room(len(structure.fabrics))
+        fp, features, fabrics = self.fp, self.features, few(len(structure.fabrics))
         triangles = room(structure.mesh.tri_count)
         points = triangles * self.samples
         self.bounds = ti.types.struct(**dict.fromkeys(_BOUNDS, ti.i32)).field(shape=())

@@ -244,6 +244,11 @@ def blocks_of(count: int, on_cpu: bool) -> tuple[int, int]:
     return length, -(-count // length)
 
 
+def few(count: int) -> int:
+    """Places to allocate for so many of what structures have few of, such as fabrics: 16 at least."""
+    return max(count, 16)
+
+
 def room(count: int, each: int = 1) -> int:
     """Places to allocate for so many things: for those of 4096 triangles at least, and a sixteenth more at most.
 

@@ -8,7 +8,7 @@ Where it has a potential, and where not: :mod:`taichi_membrane.mechanics.rim`.
 import numpy as np
 
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import fill, room
+from taichi_membrane.mechanics.nodes import few, fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -22,7 +22,7 @@ class Pressure:
         self.kind, self.windy = structure.features().pressure, structure.features().wind
         self.used = self.kind != "none" or self.windy
         if self.kind != "none":
-            self.chamber_pressure = ti.field(fp, shape=room(structure.chamber_count))
+            self.chamber_pressure = ti.field(fp, shape=few(structure.chamber_count))
         if self.kind == "by_chamber":
             self.tri_chamber = ti.field(ti.i32, shape=room(structure.mesh.tri_count))
         if self.kind == "by_side":

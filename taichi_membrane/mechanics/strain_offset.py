@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from taichi_membrane.device.language import ti
-from taichi_membrane.mechanics.nodes import fill, room
+from taichi_membrane.mechanics.nodes import few, fill, room
 from taichi_membrane.mechanics.preparation import Floats
 from taichi_membrane.mechanics.structure import Structure
 
@@ -23,7 +23,7 @@ class StrainOffset:
         self.fp, self.dtype, self.place = fp, dtype, structure.features().offset
         self.used = self.place != "none"
         if self.place == "by_fabric":
-            self.fabric_prestrain = ti.Vector.field(3, fp, shape=room(len(structure.fabrics)))
+            self.fabric_prestrain = ti.Vector.field(3, fp, shape=few(len(structure.fabrics)))
         if self.place == "by_element":
             self.tri_offset = ti.Vector.field(3, fp, shape=room(structure.mesh.tri_count))
 
