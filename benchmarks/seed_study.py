@@ -53,13 +53,16 @@ def loaded(result: RunResult, stage: str = "load") -> list[StepResult]:
     return [step for step in result.steps if step.stage == stage and step.converged]
 
 
-def onset(result: RunResult, load: str, away: float, axis: int) -> float:
-    """Load at which the first element wrinkles that is further than ``away`` from the held ends along ``axis``.
+def onset(result: RunResult, load: str, away: float, axis: int, crown: float = 0.0) -> float:
+    """Load at which the first element wrinkles that is further than ``away`` from the held ends along ``axis``, and than ``crown``
+    from the plane x = 0.
 
     The smallest minor trial stress of these elements, interpolated to zero between load steps; NaN where none wrinkles.
     """
-    centroid = result.mesh.points[result.mesh.triangles].mean(axis=1)[:, axis]
-    region = (centroid > away) & (centroid < centroid.max() - away if axis == 0 else True)
+    middle = result.mesh.points[result.mesh.triangles].mean(axis=1)
+    centroid = middle[:, axis]
+    region = np.abs(middle[:, 0]) >= crown
+    region &= (centroid > away) & (centroid < centroid.max() - away if axis == 0 else True)
     steps = loaded(result, "inflate") + loaded(result)
     field = "taut_margin" if result.mesh.order == 1 else "point_taut_margin"
     margins = [float(getattr(step.elements, field)[region].min()) for step in steps]
@@ -379,9 +382,9 @@ def study_resolved() -> None:
             result = solve(
                 "seed_arch_ring", *six_nodes(n, m), "loads.crown.spread=edges", "stages.load.steps=15", *loads, **parts
             )
-            values.append(f"{onset(result, 'crown', 0.4, 2):.0f}")
+            values += [f"{onset(result, 'crown', 0.4, 2, crown):.0f}" for crown in (0.0, 0.1)]
         rows.append([f"{n} × {m}", str(3 * result.mesh.node_count), *values])
-    head = ["mesh", "components", "pinned", "fixed"]
+    head = ["mesh", "components", "pinned", "pinned, 4 l from the crown", "fixed", "fixed, 4 l from the crown"]
     table("Arch, ring load, layers resolved: first wrinkle further than r above the feet, N", head, rows)
 
 
