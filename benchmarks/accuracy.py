@@ -1,11 +1,12 @@
 """Error against processor time of four shipped scenes with three- and six-node triangles, on true references.
 
-    python benchmarks/accuracy.py [cantilever arch cushion mylar]
+    python benchmarks/accuracy.py [--write]
 
-Prints the Markdown tables of docs/speed.md. References: the cantilever's tip at 0.3, 0.6, 0.8 and 0.9 of π p r³/L and the arch's
-crown are those that independent codes agree on (Fourier series with p-elements on the exact geometry, and shells of vanishing
-thickness), by Green strain with loads even along rings; the cushion's volume that of fine six-node meshes, 0.12500 m³; the Mylar
-balloon's half thickness is exact. Seconds are of the processor, one thread, set-up and solving without compiling, the least of two.
+Prints Markdown tables; with --write puts them in docs/speed.md, between its two marks, and draws renders/gallery/accuracy.png.
+References: the cantilever's tip at 0.3, 0.6, 0.8 and 0.9 of π p r³/L and the arch's crown are those that independent codes agree on
+(Fourier series with p-elements on the exact geometry, and shells of vanishing thickness), by Green strain with loads even along
+rings; the cushion's volume that of fine six-node meshes, 0.12500 m³; the Mylar balloon's half thickness is exact. Seconds
+are of the processor, one thread, set-up and solving without compiling, the least of two.
 """
 
 from __future__ import annotations
@@ -16,10 +17,16 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
 from taichi_membrane.device import runtime
+from taichi_membrane.pictures.plots import COLOURS
 from taichi_membrane.scene.file import load_scene
 
-SCENES = Path(__file__).resolve().parent.parent / "scenes"
+ROOT = Path(__file__).resolve().parent.parent
+SCENES, PAGE, PICTURE = ROOT / "scenes", ROOT / "docs" / "speed.md", ROOT / "renders" / "gallery" / "accuracy.png"
+MARKS = ("<!-- benchmarks/accuracy.py -->", "<!-- end -->")
 GREEN = ["checks=[]", "fabric.side_strain=green"]
 RINGS = ["mesh.order=2", "mesh.grade=auto", "mesh.pattern=alternating"]
 TIP, CROWN, SUNK, VOLUME, HEIGHT = (-1.43855, -2.943, -5.075, -8.50), -9.465e-3, 27.182e-3, 0.12500, 0.4569465810444633
@@ -28,7 +35,10 @@ Row = tuple[str, list[str], Callable[[Sequence[dict[str, float]]], list[float]]]
 
 
 def measured(name: str, overrides: Sequence[str]) -> tuple[int, int, int, float, list[dict[str, float]]]:
-    """Unknowns, elements, Newton iterations, processor seconds, and the probes of each load step."""
+    """Unknowns, elements, Newton iterations, processor seconds, and the probes of each load step.
+
+    :raises ArithmeticError: no equilibrium was found.
+    """
     from taichi_membrane.simulation.analysis import ready
     from taichi_membrane.simulation.model import build_mesh, build_model
 
@@ -43,7 +53,7 @@ def measured(name: str, overrides: Sequence[str]) -> tuple[int, int, int, float,
         steps = list(work.steps())
         spent = min(spent, set_up + time.process_time() - started)
     if not steps[-1].converged:
-        raise SystemExit(f"{name} {overrides}: {steps[-1].reason}")
+        raise ArithmeticError(steps[-1].reason.partition(";")[0])
     free = int((~model.structure.node_held).sum())
     iterations = sum(step.iterations for step in steps)
     return free, model.structure.mesh.tri_count, iterations, spent, [step.probes for step in steps]
@@ -114,22 +124,51 @@ TABLES: dict[str, tuple[str, list[str], list[str], Callable[[], Iterator[Row]]]]
 }
 
 
+def draw(found: dict[str, list[tuple[str, float, float]]]) -> None:
+    """A panel for each scene: size of its last error over processor seconds, by elements."""
+    figure = Figure(figsize=(14.0, 3.6), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    for axes, (scene, points) in zip(figure.subplots(1, len(found)), found.items(), strict=True):
+        for kind, colour in (("three nodes", COLOURS[0]), ("six nodes", COLOURS[2])):
+            own = sorted((seconds, error) for name, seconds, error in points if name.startswith(kind))
+            axes.loglog([one for one, _ in own], [100 * error for _, error in own], "o-", color=colour, label=kind)
+        axes.set(title=f"{scene}: {TABLES[scene][2][-1]}", xlabel="processor seconds", ylabel="error [%]")
+        axes.grid(visible=True, which="major", alpha=0.3)
+        axes.legend(frameon=False)
+    figure.savefig(PICTURE)
+
+
 def main() -> None:
-    """Print the tables that are named, or all."""
+    """Print the tables, and put them where they belong."""
     runtime.start(arch="cpu", precision="f64", threads=1)
-    for chosen in sys.argv[1:] or TABLES:
-        scene, common, heads, rows = TABLES[chosen]
+    lines: list[str] = []
+    found: dict[str, list[tuple[str, float, float]]] = {}
+
+    def say(line: str) -> None:
+        lines.append(line)
+        print(line, flush=True)
+
+    for chosen, (scene, common, heads, rows) in TABLES.items():
         head = [chosen, "unknowns", "elements", *heads, "Newton iterations", "processor seconds"]
-        print(f"\n| {' | '.join(head)} |\n|{'---|' * len(head)}")
+        say("")
+        say(f"| {' | '.join(head)} |")
+        say("|---" * len(head) + "|")
+        found[chosen] = []
         for name, overrides, errors in rows():
             try:
                 unknowns, elements, iterations, seconds, probes = measured(scene, [*common, *overrides])
-            except SystemExit as error:
-                print(f"| {name} | {error} |")
+            except ArithmeticError as error:
+                say(f"| {' | '.join([name, '–', '–', *['no equilibrium'] * len(heads), '–', str(error)])} |")
                 continue
-            cells = [f"{100 * one:+.2g} %" for one in errors(probes)]
-            print(f"| {' | '.join([name, str(unknowns), str(elements), *cells, str(iterations), f'{seconds:.2f}'])} |")
-            sys.stdout.flush()
+            off = errors(probes)
+            found[chosen].append((name, seconds, abs(off[-1])))
+            cells = [f"{100 * one:+.2g} %" for one in off]
+            say(f"| {' | '.join([name, str(unknowns), str(elements), *cells, str(iterations), f'{seconds:.2f}'])} |")
+    if "--write" in sys.argv:
+        text = PAGE.read_text(encoding="utf-8")
+        before, after = text.split(MARKS[0])[0], text.split(MARKS[1])[1]
+        PAGE.write_text("\n".join([before + MARKS[0], *lines, "", MARKS[1]]) + after, encoding="utf-8")
+        draw(found)
 
 
 if __name__ == "__main__":

@@ -128,7 +128,8 @@ def test_summary_is_strict_json_with_what_a_reader_needs(tmp_path: Path) -> None
     assert summary["converged"] is False
     assert summary["passed"] is False
     assert summary["provenance"] == PROVENANCE
-    assert summary["settings"] == {"arch": "cpu", "precision": "f32", "threads": 2, "render": False, "estimate": ""}
+    settings = {"arch": "cpu", "precision": "f32", "threads": 2, "render": False, "estimate": "", "cascade": 0}
+    assert summary["settings"] == settings
     assert summary["seconds"] == {"compile": 1.0}
     assert summary["checks"][0]["value"] is None
     assert summary["mesh"]["node_count"] == MESH.node_count
