@@ -256,6 +256,14 @@ def test_a_finished_run_is_drawn_again_with_what_is_asked_changed(scene: str, tm
     picture = (tmp_path / "out" / "step_0000.png").read_bytes()
     size = int.from_bytes(picture[16:20], "big"), int.from_bytes(picture[20:24], "big")
     assert size == (250, 240)  # the height is the scene's
+    done = call_process("render", "out", "--out", "larger", "--magnify", "3", cwd=tmp_path)
+    assert done.stdout == "wrote larger: step_0000.png … step_0001.png, animation.gif\n"
+    assert (tmp_path / "out" / "step_0000.png").read_bytes() == picture
+    done = call_process("render", "out", "--out", "larger", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "error: larger: there is such a file or folder; pictures of its own need a new one\n",
+    )
 
 
 def test_the_camera_is_the_scenes_with_the_given_options_replaced(
@@ -263,17 +271,18 @@ def test_the_camera_is_the_scenes_with_the_given_options_replaced(
 ) -> None:
     asked = {}
 
-    def redraw(directory: Path, *, camera: Any, observer: Any) -> list[Path]:
+    def redraw(directory: Path, *, camera: Any, out: Path, observer: Any) -> list[Path]:
         asked.update(camera.model_dump())
         return []
 
     assert call("run", scene, "--no-render", "--set", "camera.azimuth=11").exit_code == 0
     monkeypatch.setattr(RUN, "redraw", redraw)
     options = ["--elevation", "-5", "--projection", "orthographic", "--height", "199", "--supports", "--no-loads"]
+    options += ["--magnify", "4"]
     assert call("render", "renders/ball", *options).exit_code == 0
     assert asked == {
         "field": "state", "azimuth": 11.0, "elevation": -5.0, "projection": "orthographic", "size": (320, 199),
-        "outline": True, "loads": False, "supports": True, "directions": True,
+        "outline": True, "loads": False, "supports": True, "directions": True, "magnify": 4.0,
     }  # fmt: skip
     done = call("render", "renders/ball", "--azimuth", "nan")
     assert (done.exit_code, done.stderr) == (2, "error: camera: azimuth: nan must be a finite number\n")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from taichi_membrane.commands.common import RunFolder, console
+from taichi_membrane.commands.common import RunFolder, console, made_folder
 from taichi_membrane.errors import InputError
 from taichi_membrane.fields import drawn
 
@@ -39,6 +39,11 @@ def render(
     directions: Annotated[
         bool | None, typer.Option("--directions/--no-directions", help="Lines along the wrinkles.")
     ] = None,
+    magnify: Annotated[float | None, typer.Option(help="Draw displacements so many times larger.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of the pictures, which must not be there yet; else the run's own."),
+    ] = None,
 ) -> None:
     """Draw the pictures of a finished run again.
 
@@ -60,15 +65,19 @@ def render(
         "loads": loads,
         "supports": supports,
         "directions": directions,
+        "magnify": magnify,
     }
     camera = _camera(scene.camera, {key: value for key, value in asked.items() if value is not None})
     try:
         scene.check_picture(camera.field)
     except ValueError as error:
         raise InputError(str(error)) from None
+    if out is not None and out.exists():
+        raise InputError(f"{out}: there is such a file or folder; pictures of its own need a new one")
+    folder = directory if out is None else made_folder(out)
     with ProgressView(scene, console(stderr=True)) as view:
-        files = redraw(directory, camera=camera, observer=view)
-    printing.print_files(console(), directory, files)
+        files = redraw(directory, camera=camera, out=folder, observer=view)
+    printing.print_files(console(), folder, files)
 
 
 def report(directory: RunFolder) -> None:

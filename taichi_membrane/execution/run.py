@@ -340,9 +340,12 @@ def summarise(scene: Scene, base: Path | None = None, *, repair: bool = False) -
     return model, compiled_in, left_out
 
 
-def redraw(directory: Path, *, camera: Camera | None = None, observer: Observer | None = None) -> list[Path]:
+def redraw(
+    directory: Path, *, camera: Camera | None = None, out: Path | None = None, observer: Observer | None = None
+) -> list[Path]:
     """Draw a finished run's pictures again, with another camera if one is given.
 
+    :param out: folder for them; the run's own when None.
     :raises InputError: the folder is not a run of this program, or is damaged.
     """
     clock = Clock(observer)
@@ -363,7 +366,7 @@ def redraw(directory: Path, *, camera: Camera | None = None, observer: Observer 
 
         clock.observer.phase("drawing")
         paths = []
-        for path in gallery.draw_run(result, directory, camera or saved.scene.camera):
+        for path in gallery.draw_run(result, out or directory, camera or saved.scene.camera):
             clock.observer.wrote(path)
             paths.append(path)
         return paths

@@ -31,7 +31,7 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
     """Draw every step, then the animation and the curve; yields each file as it is in place."""
     scene, steps = result.scene, result.steps
     view, look = _view_of(result, camera)
-    pictures, box, outline = [], _box(result), None
+    pictures, box, outline = [], _box(result, camera), None
     for step in steps:
         path, frame = directory / f"step_{step.number:04d}.png", _frame(result, step, camera, box)
         if outline is None:
@@ -45,9 +45,10 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
         yield directory / "animation.gif"
     if draw_envelope(result, camera, directory / ENVELOPE):
         yield directory / ENVELOPE
-    if scene.curve is not None:
-        draw_run_curve(result, scene.curve, directory / "curve.png")
-        yield directory / "curve.png"
+    for kind in () if scene.curve is None else dict.fromkeys(scene.curve.formats):
+        assert scene.curve is not None
+        draw_run_curve(result, scene.curve, directory / f"curve.{kind}")
+        yield directory / f"curve.{kind}"
 
 
 def draw_envelope(result: RunResult, camera: Camera, path: Path) -> bool:
@@ -62,12 +63,13 @@ def draw_envelope(result: RunResult, camera: Camera, path: Path) -> bool:
     assert start is not None  # a case that was reached has started
     asked = camera.model_copy(update={"field": name, "directions": False, "loads": False})
     view, look = _view_of(replace(result, steps=(start,)), asked)
-    frame = _frame(result, start, asked, _box(result))
+    frame = _frame(result, start, asked, _box(result, asked))
     high = float(values.max())
     frame = replace(
         frame, scalar=values if result.mesh.order == 1 else quarters.spread(values),
         scalar_label=fields.named(name).label(result.scene.field_units),
-        subtitle=f"largest of {len(over.cases)} load cases ({', '.join(over.cases)}), on {start.stage} {start.stage_step}",
+        subtitle=f"largest of {len(over.cases)} load cases ({', '.join(over.cases)}), on {start.stage} {start.stage_step}"
+        + _magnified(camera),
     )  # fmt: skip
     draw_frame(frame, look=replace(look, scalar_range=(0.0, high or 1.0)), camera=view, path=path)
     return True
@@ -76,14 +78,14 @@ def draw_envelope(result: RunResult, camera: Camera, path: Path) -> bool:
 def draw_last_step(result: RunResult, camera: Camera, path: Path) -> None:
     """Draw the last step as :func:`draw_run` does, alone."""
     view, look = _view_of(result, camera)
-    draw_frame(_frame(result, result.steps[-1], camera, _box(result)), look=look, camera=view, path=path)
+    draw_frame(_frame(result, result.steps[-1], camera, _box(result, camera)), look=look, camera=view, path=path)
 
 
 def _view_of(result: RunResult, camera: Camera) -> tuple[ViewCamera, Look]:
     """One camera and one look, with one colour range, for all steps of a run."""
     mesh, steps = result.mesh, result.steps
     view = fit_camera(
-        [mesh.points, *(mesh.points + step.displacement for step in steps)],
+        [mesh.points, *(_shown(result, step, camera) for step in steps)],
         azimuth=camera.azimuth,
         elevation=camera.elevation,
         projection=camera.projection,
@@ -132,16 +134,21 @@ def _cable_range(steps: tuple[StepResult, ...]) -> tuple[float, float] | None:
     return (float(taut.min()), float(taut.max())) if taut.size else None
 
 
-def _box(result: RunResult) -> tuple[Floats, Floats]:
+def _shown(result: RunResult, step: StepResult, camera: Camera) -> Floats:
+    """(n, 3) where nodes are drawn: displaced, so many times as the camera asks."""
+    return np.asarray(result.mesh.points + camera.magnify * step.displacement)
+
+
+def _box(result: RunResult, camera: Camera) -> tuple[Floats, Floats]:
     """Lowest and highest coordinates of all that a run shows."""
-    places = [result.mesh.points, *(result.mesh.points + step.displacement for step in result.steps)]
+    places = [result.mesh.points, *(_shown(result, step, camera) for step in result.steps)]
     return np.min([one.min(axis=0) for one in places], axis=0), np.max([one.max(axis=0) for one in places], axis=0)
 
 
 def _frame(result: RunResult, step: StepResult, camera: Camera, box: tuple[Floats, Floats]) -> Frame:
     scene, mesh = result.scene, result.mesh
     held = [mesh.node_groups[name] for name in (*(support.group for support in scene.supports), *scene.anchors)]
-    points = mesh.points + step.displacement
+    points = _shown(result, step, camera)
     elements, scalar = step.elements, _scalar(step, camera)
     state, taut, slack, direction = (
         elements.state, elements.taut_margin, elements.slack_margin, elements.major_direction
@@ -166,12 +173,16 @@ def _frame(result: RunResult, step: StepResult, camera: Camera, box: tuple[Float
         cable_force=step.cable_forces,
         cable_label=fields.named("cable_force").label(scene.field_units),
         title=scene.title or scene.name,
-        subtitle=step_words(scene, step),
+        subtitle=step_words(scene, step) + _magnified(camera),
         length_unit=scene.units.length,
         arrows=_arrows(result, step, points),
         supports=np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *held])),
         obstacles=tuple(obstacle_lines(scene, mesh, of_kind(step.drivers, "obstacle"), box)),
     )
+
+
+def _magnified(camera: Camera) -> str:
+    return "" if camera.magnify == 1.0 else f", displacements × {camera.magnify:g}"
 
 
 def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[Floats, Floats, str], ...]:
@@ -198,7 +209,7 @@ def _arrows(result: RunResult, step: StepResult, points: Floats) -> tuple[tuple[
 
 
 def draw_run_curve(result: RunResult, curve: Curve, path: Path) -> None:
-    """Draw ``curve.png``: the computed curve, references, lines, and the first step with wrinkles as a mark."""
+    """Draw the computed curve, references, lines, and the first step with wrinkles as a mark; PNG, SVG or PDF."""
     steps = curve_steps(result, curve)
     x = curve.x_scale * np.array([step.quantity(curve.x) for step in steps])
     y = curve.y_scale * np.array([step.quantity(curve.y) for step in steps])

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from taichi_membrane import fields
-from taichi_membrane.scene.base import AllowedNames, Finite, Label, Record
+from taichi_membrane.scene.base import AllowedNames, Finite, Label, Positive, Record
 
 LARGEST_PICTURE = 8192 * 4320  # pixels; drawing takes about 150 bytes for each
 
@@ -40,6 +40,8 @@ class Camera(Record):
     """Draw marks at supports."""
     directions: bool = True
     """Draw lines along wrinkles."""
+    magnify: Annotated[Positive, Field(le=1e6)] = 1.0
+    """Displacements are drawn so many times larger, which the picture says; loads, obstacles and numbers stay as they are."""
 
     @field_validator("size")
     @classmethod
@@ -104,3 +106,5 @@ class Curve(Record):
     """Lines across the plot."""
     references: list[CurveReference] = []
     """Curves to compare with."""
+    formats: Annotated[list[Literal["png", "svg", "pdf"]], Field(min_length=1, max_length=3)] = ["png"]
+    """Files that are written: ``curve.png``, and drawings that stay sharp at any size."""
