@@ -19,6 +19,7 @@ from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from taichi_membrane.device import runtime
 from taichi_membrane.pictures.plots import COLOURS
@@ -124,16 +125,31 @@ TABLES: dict[str, tuple[str, list[str], list[str], Callable[[], Iterator[Row]]]]
 }
 
 
-def draw(found: dict[str, list[tuple[str, float, float]]]) -> None:
-    """A panel for each scene: size of its last error over processor seconds, by elements."""
+def points(lines: Sequence[str]) -> dict[str, list[tuple[str, float, float]]]:
+    """Of each table its rows that have numbers: name, processor seconds, size of the last error in percent."""
+    found: dict[str, list[tuple[str, float, float]]] = {}
+    for line in lines:
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if cells[0] in TABLES:
+            own = found[cells[0]] = []
+        elif len(cells) > 3 and cells[-3].endswith("%"):
+            own.append((cells[0], float(cells[-1]), abs(float(cells[-3].split()[0]))))
+    return found
+
+
+def draw(lines: Sequence[str]) -> None:
+    """A panel for each table: size of the last error over processor seconds, by elements."""
+    found = points(lines)
     figure = Figure(figsize=(14.0, 3.6), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    for axes, (scene, points) in zip(figure.subplots(1, len(found)), found.items(), strict=True):
+    for axes, (scene, rows) in zip(figure.subplots(1, len(found)), found.items(), strict=True):
         for kind, colour in (("three nodes", COLOURS[0]), ("six nodes", COLOURS[2])):
-            own = sorted((seconds, error) for name, seconds, error in points if name.startswith(kind))
-            axes.loglog([one for one, _ in own], [100 * error for _, error in own], "o-", color=colour, label=kind)
+            own = [(seconds, error) for name, seconds, error in rows if name.startswith(kind)]  # from coarse to fine
+            axes.loglog([one for one, _ in own], [error for _, error in own], "o-", color=colour, label=kind)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_minor_formatter(NullFormatter())
         axes.set(title=f"{scene}: {TABLES[scene][2][-1]}", xlabel="processor seconds", ylabel="error [%]")
-        axes.grid(visible=True, which="major", alpha=0.3)
+        axes.grid(visible=True, which="both", alpha=0.2)
         axes.legend(frameon=False)
     figure.savefig(PICTURE)
 
@@ -142,7 +158,6 @@ def main() -> None:
     """Print the tables, and put them where they belong."""
     runtime.start(arch="cpu", precision="f64", threads=1)
     lines: list[str] = []
-    found: dict[str, list[tuple[str, float, float]]] = {}
 
     def say(line: str) -> None:
         lines.append(line)
@@ -153,22 +168,19 @@ def main() -> None:
         say("")
         say(f"| {' | '.join(head)} |")
         say("|---" * len(head) + "|")
-        found[chosen] = []
         for name, overrides, errors in rows():
             try:
                 unknowns, elements, iterations, seconds, probes = measured(scene, [*common, *overrides])
             except ArithmeticError as error:
                 say(f"| {' | '.join([name, '–', '–', *['no equilibrium'] * len(heads), '–', str(error)])} |")
                 continue
-            off = errors(probes)
-            found[chosen].append((name, seconds, abs(off[-1])))
-            cells = [f"{100 * one:+.2g} %" for one in off]
+            cells = [f"{100 * one:+.2g} %" for one in errors(probes)]
             say(f"| {' | '.join([name, str(unknowns), str(elements), *cells, str(iterations), f'{seconds:.2f}'])} |")
     if "--write" in sys.argv:
         text = PAGE.read_text(encoding="utf-8")
         before, after = text.split(MARKS[0])[0], text.split(MARKS[1])[1]
         PAGE.write_text("\n".join([before + MARKS[0], *lines, "", MARKS[1]]) + after, encoding="utf-8")
-        draw(found)
+        draw(lines)
 
 
 if __name__ == "__main__":
