@@ -18,7 +18,7 @@ def test_a_guide_does_what_it_says(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runtime_cpu: Runtime
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("COLUMNS", "100")
     found = blocks((GUIDES / f"{name}.md").read_text(encoding="utf-8"))
     assert {"sh", "text"} <= {block.kind for block in found}
     reader = Reader()
