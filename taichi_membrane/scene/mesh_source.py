@@ -248,8 +248,9 @@ class GivenMesh(Record):
 class MeshFile(Record):
     """A triangle mesh in a file (docs/meshes.md lists the formats); a relative path is relative to the scene file.
 
-    A mesh with a ``path`` needs no ``shape``. ``open_seams`` keeps free edges that lie on each other apart, as slits; without it they are refused, or joined by ``--repair``.
-    ``join`` is how near nodes of free edges are one for ``--repair`` [length]; by the file's digits without it.
+    A mesh with a ``path`` needs no ``shape``. ``open_seams`` keeps free edges that lie on each other apart, as slits; without it
+    they are refused, or joined by ``--repair``. ``join`` is how near nodes of free edges are one for ``--repair`` [length]; by the
+    file's digits without it.
     """
 
     shape: Literal["file"] = "file"
