@@ -98,6 +98,14 @@ def test_overrides_reach_tables_lists_by_name_and_by_number_and_make_missing_tab
     assert scene.title == "a=b"
 
 
+def test_a_mesh_with_a_path_is_a_file_without_its_shape(path: Path) -> None:
+    named = load_scene(path, ["mesh={path='sheet.obj', scale=2.0}"]).mesh
+    assert named == load_scene(path, ["mesh={shape='file', path='sheet.obj', scale=2.0}"]).mesh
+    assert (named.shape, named.scale) == ("file", 2.0)
+    with pytest.raises(InputError, match=r"mesh.size: unknown key"):
+        load_scene(path, ["mesh={path='sheet.obj', size=2.0}"])
+
+
 def test_a_later_override_wins_and_a_line_break_smuggles_nothing_in(path: Path) -> None:
     scene = load_scene(path, ["title=one", 'title="two"\nname = "other"'])
     assert scene.name == "strip"

@@ -38,7 +38,8 @@ def print_model(
     """
     scene, mesh = model.scene, model.structure.mesh
     units = scene.units
-    closed = f"closed, volume {mesh.enclosed_volume():.6g} {units.volume}" if mesh.is_closed else "open"
+    open_kind = "open" if len(mesh.boundary_edges()) else "no free edges, walls meet"
+    closed = f"closed, volume {mesh.enclosed_volume():.6g} {units.volume}" if mesh.is_closed else open_kind
     area = f"area {mesh.tri_areas().sum():.6g} {units.area}"
     lines = [
         ("scene", f"{scene.name}: {scene.title}" if scene.title else scene.name),

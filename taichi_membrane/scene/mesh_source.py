@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from taichi_membrane.scene.adapt import Adapt
 from taichi_membrane.scene.base import Count, Positive, PositiveLength, Record
@@ -247,8 +248,9 @@ class GivenMesh(Record):
 class MeshFile(Record):
     """A triangle mesh in a file (docs/meshes.md lists the formats); a relative path is relative to the scene file.
 
-    ``open_seams`` keeps free edges that lie on each other apart, as slits; without it they are refused, or joined by ``--repair``.
-    ``join`` is how near nodes of free edges are one for ``--repair`` [length]; by the file's digits without it.
+    A mesh with a ``path`` needs no ``shape``. ``open_seams`` keeps free edges that lie on each other apart, as slits; without it
+    they are refused, or joined by ``--repair``. ``join`` is how near nodes of free edges are one for ``--repair`` [length]; by the
+    file's digits without it.
     """
 
     shape: Literal["file"] = "file"
@@ -267,6 +269,13 @@ class MeshFile(Record):
     """Points at which a six-node triangle samples strain."""
     adapt: Adapt | None = None
     """Refine the mesh until the estimated error of a probe is small enough."""
+
+
+def _shape_of_a_path(value: Any) -> Any:
+    """Data of a mesh that has a path and no shape are those of a file."""
+    if isinstance(value, Mapping) and "path" in value and "shape" not in value:
+        return {"shape": "file", **value}
+    return value
 
 
 MeshSource = Annotated[
@@ -290,4 +299,5 @@ MeshSource = Annotated[
     | MeshFile
     | GivenMesh,
     Field(discriminator="shape"),
+    BeforeValidator(_shape_of_a_path),
 ]
