@@ -152,10 +152,11 @@ def print_failed_steps(console: Console, result: RunResult) -> None:
 
 def _print_cases(console: Console, result: RunResult) -> None:
     """Verdicts and numbers of the load cases, the worst case of each quantity, and support forces."""
-    console.print()
-    print_table(console, fitting(case_columns(result), console.width))
+    for columns in parts(fitting(case_columns(result), console.width), console.width):
+        console.print()
+        print_table(console, columns)
     print_failed_cases(console, result)
-    for columns in (range_columns(result), worst_reaction_columns(result)):
+    for columns in (range_columns(result), *parts(worst_reaction_columns(result), console.width)):
         if columns[0].cells:
             console.print()
             print_table(console, columns)
@@ -219,6 +220,23 @@ def fitting(columns: Sequence[Column], width: int) -> list[Column]:
             room -= column.width + _GAP
             chosen.append(column)
     return [column for column in columns if column.rank == 0 or column in chosen]
+
+
+def parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
+    """A table that is wider than ``width`` characters as several, each with its first column; "in" stays beside its number."""
+    first, *others = columns
+    tables = [[first]]
+    for column in others:
+        held = tables[-1]
+        wide = sum(one.width + _GAP for one in [*held, column]) - _GAP > width
+        beside = column.header == "in"
+        if not wide or len(held) == 1 + beside:
+            held.append(column)
+        elif beside:
+            tables.append([first, held.pop(), column])
+        else:
+            tables.append([first, column])
+    return tables
 
 
 def print_table(console: Console, columns: Sequence[Column]) -> None:
