@@ -176,6 +176,9 @@ def test_check_shows_units_conversions_and_stiffness_per_width(tmp_path: Path) -
     text = " ".join(shown.stdout.split())
     assert "units m, kN, stress and pressure in kPa, force per width in kN/m" in text
     assert "stages.inflate.pressure: 50 mbar is 5 kPa" in text
+    assert "fabric.stiffness_weft: 600 N/mm is 600 kN/m" in text
+    assert "800 kN/m is" not in text  # nothing became of it
+    assert "4 with the scene's own units, as written" in text
     assert "stiffness_warp = 800, stiffness_weft = 600, G_t = 10 kN/m, nu = 0.2, wrinkling law tension_field" in text
     assert "thickness" not in text
 

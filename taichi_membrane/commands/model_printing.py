@@ -23,6 +23,14 @@ from taichi_membrane.simulation.told_layers import told_layers
 from taichi_membrane.simulation.warp import least_angle
 
 
+def _converted(conversions: Sequence[Conversion]) -> list[str]:
+    """What texts with a unit became; of those in the scene's units already, how many there are."""
+    became = [(one, with_unit(one.value, one.unit)) for one in conversions]
+    lines = [f"{one.key}: {one.text} is {told}" for one, told in became if told != one.text]
+    same = len(became) - len(lines)
+    return [*lines, *([f"{same} with the scene's own units, as written"] if same else [])]
+
+
 def print_model(
     console: Console,
     model: Model,
@@ -47,7 +55,7 @@ def print_model(
             "units",
             f"{units.length}, {units.force}, stress and pressure in {units.stress}, force per width in {units.resultant}",
         ),
-        *(("converted", f"{one.key}: {one.text} is {with_unit(one.value, one.unit)}") for one in conversions),
+        *(("converted", line) for line in _converted(conversions)),
         ("mesh", f"{scene.mesh.shape}: {mesh.node_count} nodes, {mesh.tri_count} elements, {area}, {closed}"),
         *(("mended", line) for line in mesh.mended),
         *(("noted", line) for line in mesh.notes),
