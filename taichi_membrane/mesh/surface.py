@@ -159,6 +159,11 @@ class Mesh:
 
         save(self, Path(path))
 
+    def __repr__(self) -> str:
+        """One line, without the arrays."""
+        groups = ", ".join(name for name in (*self.node_groups, *self.tri_groups) if name != "all")
+        return f"Mesh({self.node_count} nodes, {self.tri_count} elements of order {self.order}; groups: {groups or 'none'})"
+
     @property
     def node_count(self) -> int:
         """Number of nodes."""

@@ -360,5 +360,11 @@ def _no_collapse(course: Course) -> str:
 
 def _collapse(limit: Limit) -> str:
     """What a step that met a limit says."""
-    bounds = ", ".join(f"{name} between {low:.6g} and {high:.6g}" for name, (low, high) in limit.items())
+    bounds = ", ".join(f"{name} between {_apart(low, high)}" for name, (low, high) in limit.items())
     return f"collapse: the largest stable load has {bounds}"
+
+
+def _apart(low: float, high: float) -> str:
+    """Two bounds with as many digits as tell them apart, six at least."""
+    digits = next((one for one in range(6, 17) if f"{low:.{one}g}" != f"{high:.{one}g}"), 6)
+    return f"{low:.{digits}g} and {high:.{digits}g}"

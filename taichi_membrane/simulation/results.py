@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_membrane import fields
+from taichi_membrane.errors import InputError
 from taichi_membrane.mesh import Mesh
 from taichi_membrane.names import SLACK, TAUT, WRINKLED, Arch, EstimatedSteps, Outcome, Precision, Verdict
 from taichi_membrane.scene import Case, Scene
@@ -20,6 +21,8 @@ from taichi_membrane.simulation.policy import Trace
 from taichi_membrane.simulation.state import State
 
 Floats = NDArray[np.float64]
+
+_STABILITY = {True: "stable", False: "unstable", None: "stability not known"}
 
 
 FieldValues = Mapping[str, NDArray[Any]]
@@ -38,6 +41,10 @@ class ElementFields:
         if name == "values" or name not in self.values:  # the former while a copy is made
             raise AttributeError(f"no element field {name!r}")
         return self.values[name]
+
+    def __repr__(self) -> str:
+        """The names alone."""
+        return f"ElementFields({', '.join(self.values)})"
 
     def count(self) -> dict[str, int]:
         """Numbers of taut, wrinkled and slack elements."""
@@ -120,6 +127,12 @@ class StepResult:
     imbalance: float = 0.0
     walls: dict[str, int] = field(default_factory=dict)
     relieved: dict[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """One line: arrays stay in ``fields``."""
+        state = f"not converged, {self.reason}" if not self.converged else f"converged, {_STABILITY[self.stable]}"
+        values = "".join(f", {name} = {value:.6g}" for name, value in self.probes.items())
+        return f"StepResult({self.stage} {self.stage_step}: {state}{values})"
 
     @property
     def stable(self) -> bool | None:
@@ -263,6 +276,29 @@ class RunResult:
     cascade: Cascade | None = None
     directory: Path | None = None
     files: tuple[Path, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        """One line."""
+        checks = f", {sum(one.passed for one in self.checks)} of {len(self.checks)} checks hold" if self.checks else ""
+        return f"RunResult({self.scene.name}: {self.outcome}, {len(self.steps)} load steps, {self.mesh.tri_count} elements{checks})"
+
+    def table(self) -> Any:
+        """The load steps as a pandas data frame: stage, drivers and probes by name, verdicts.
+
+        :raises InputError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise InputError("table needs pandas: install 'taichi-membrane[notebook]'") from None
+        rows = [
+            {
+                "stage": step.stage, "stage_step": step.stage_step, **step.drivers, **step.probes, "converged": step.converged,
+                "stable": step.stable, "iterations": step.iterations, "residual": step.residual,
+            }
+            for step in self.steps
+        ]  # fmt: skip
+        return pandas.DataFrame(rows, index=pandas.Index([step.number for step in self.steps], name="step"))
 
     @property
     def converged(self) -> bool:

@@ -46,3 +46,8 @@ class State:
     path: PathState | None = None
     friction: tuple[Floats, ...] = ()
     touched: Touched | None = None
+
+    def __repr__(self) -> str:
+        """One line, without the arrays."""
+        drivers = ", ".join(f"{name} = {value:g}" for name, value in self.drivers.items())
+        return f"State({len(self.displacement)} nodes; {drivers})"
