@@ -45,8 +45,9 @@ _CURVED = 0.5 * side_products()  # S/2
 _IN_PLANE = 1e-9
 # Pressures that cancel to this share of the largest one leave a skew part below the tangent's own round-off.
 _EQUAL = 1e-14
-# Residual of the linear solves, well below what derivatives are asked for; the iterations it may take (23 were seen at most).
-_TOLERANCE, _MOST = 1e-9, 400
+# Residual of the linear solves, well below what derivatives are asked for; the iterations it may take (23 were seen at most). At 1e-9,
+# which saves an eighth of them, the path of a dome in wind was lost at its limit.
+_TOLERANCE, _MOST = 1e-11, 400
 # Eigenvalues of K near zero that are looked at beyond twice those S has below zero; all of so many freedoms.
 _NEIGHBOURS, _DENSE = 4, 30
 _FLUTTER = "flutter, which masses and damping decide, is not looked for"
@@ -128,8 +129,10 @@ class EdgeSkew:
     @property
     def told(self) -> str:
         """Where it is, in words."""
-        ends = [tuple(self.structure.points[node].tolist()) for node in self.nodes[0]]
-        return f"{len(self.nodes)} edges, the first from {ends[0]} to {ends[1]}"
+        points = self.structure.points
+        small = 1e-9 * float(np.ptp(points, axis=0).max())  # a coordinate this small is round-off
+        ends = [", ".join(f"{0.0 if abs(x) < small else x:.6g}" for x in points[node]) for node in self.nodes[0][:2]]
+        return f"{len(self.nodes)} edges, the first from ({ends[0]}) to ({ends[1]})"
 
     def blocks(self) -> Blocks:
         """q/12 [s]× ⊗ [[2, 1], [1, 2]] of each edge."""

@@ -365,6 +365,6 @@ def _collapse(limit: Limit) -> str:
 
 
 def _apart(low: float, high: float) -> str:
-    """Two bounds with as many digits as tell them apart, six at least."""
-    digits = next((one for one in range(6, 17) if f"{low:.{one}g}" != f"{high:.{one}g}"), 6)
+    """Two bounds with as many digits as tell them apart, from six to nine."""
+    digits = next((one for one in range(6, 10) if f"{low:.{one}g}" != f"{high:.{one}g}"), 6)
     return f"{low:.{digits}g} and {high:.{digits}g}"
