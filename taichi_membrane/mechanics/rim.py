@@ -45,8 +45,8 @@ _CURVED = 0.5 * side_products()  # S/2
 _IN_PLANE = 1e-9
 # Pressures that cancel to this share of the largest one leave a skew part below the tangent's own round-off.
 _EQUAL = 1e-14
-# Residual of the linear solves, well below what derivatives are asked for; the iterations it may take (23 were seen at most). At 1e-9,
-# which saves an eighth of them, the path of a dome in wind was lost at its limit.
+# Residual of the linear solves, well below what derivatives are asked for; the iterations it may take (23 were seen at most).
+# At 1e-9, which saves an eighth of them, the path of a dome in wind was lost at its limit.
 _TOLERANCE, _MOST = 1e-11, 400
 # Eigenvalues of K near zero that are looked at beyond twice those S has below zero; all of so many freedoms.
 _NEIGHBOURS, _DENSE = 4, 30
