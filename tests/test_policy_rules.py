@@ -122,6 +122,19 @@ def test_no_branch_is_a_state_far_beyond_a_limit() -> None:
     assert_collapsed(result, "small", 0.53)
 
 
+def test_bounds_are_as_wide_as_residuals_leave_the_load() -> None:
+    """A small tent's limit is a ten-thousandth of the forces beside it, which residuals are relative to."""
+    beside = Parts().tent("big", 1.5, 0.5).tent("small", 0.0127, 1.0, at=(30.0, 0.0, 0.0))
+    result = beside.run(loads(big=1.5 * borne(4.0)) | {"steps": 12}, loads(big=1.5 * borne(3.9), small=0.127))
+    assert result.outcome == "collapse"
+    last = result.steps[-1]
+    assert last.limit is not None
+    lower, upper = last.limit["load.small"]
+    assert lower <= 0.0127 <= upper
+    assert lower < last.drivers["load.small"] < upper
+    assert last.residual < 1e-6
+
+
 @pytest.mark.parametrize(("far", "is_near"), [(1.9, True), (2.1, False)])
 def test_a_branch_is_no_further_than_twice_what_its_stiffness_tells(far: float, is_near: bool) -> None:
     """At a stiffness of 10 a hundredth of the load tells a thousandth of the way."""

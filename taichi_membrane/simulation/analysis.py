@@ -204,9 +204,9 @@ class Analysis:
             record = replace(part.record, iterations=iterations)
             trace += [replace(one, share=reached + one.share * (aim - reached)) for one in part.trace]
             if part.limit is not None:
-                lower, upper = (reached + share * (aim - reached) for share in part.limit)
-                limit = _bracket(course, lower, upper)
-                return finished(lower, replace(record, reason=_collapse(limit)), limit=limit)
+                at, *bounds = (reached + share * (aim - reached) for share in (part.reached, *part.limit))
+                limit = _bracket(course, *bounds)
+                return finished(at, replace(record, reason=_collapse(limit)), limit=limit)
             if part.record.converged:
                 reached = aim
                 if reached == end:

@@ -211,8 +211,8 @@ def _share(step: StepResult, stage: Stage, course: Course) -> float:
     if step.limit is None:
         return step.stage_step / stage.steps
     name = max(step.limit, key=lambda one: abs(course.target.values[one] - course.start.values[one]))
-    low, first, last = step.limit[name][0], course.start.values[name], course.target.values[name]
-    return (low - first) / (last - first)
+    first, last = course.start.values[name], course.target.values[name]
+    return (step.drivers[name] - first) / (last - first)
 
 
 def _less_stable(found: StepResult, step: StepResult) -> bool:
