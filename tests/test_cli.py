@@ -256,14 +256,6 @@ def test_a_finished_run_is_drawn_again_with_what_is_asked_changed(scene: str, tm
     picture = (tmp_path / "out" / "step_0000.png").read_bytes()
     size = int.from_bytes(picture[16:20], "big"), int.from_bytes(picture[20:24], "big")
     assert size == (250, 240)  # the height is the scene's
-    done = call_process("render", "out", "--out", "larger", "--magnify", "3", cwd=tmp_path)
-    assert done.stdout == "wrote larger: step_0000.png … step_0001.png, animation.gif\n"
-    assert (tmp_path / "out" / "step_0000.png").read_bytes() == picture
-    done = call_process("render", "out", "--out", "larger", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (
-        2,
-        "error: larger: there is such a file or folder; pictures of its own need a new one\n",
-    )
 
 
 def test_the_camera_is_the_scenes_with_the_given_options_replaced(

@@ -98,6 +98,24 @@ def test_what_is_wrong_is_told(rule: dict[str, Any], told: str) -> None:
     assert told in str(error.value)
 
 
+def test_a_rule_that_makes_too_many_cases_ends_soon() -> None:
+    """Twenty pairs that exclude each other would be a million combinations."""
+    data = tm.load_scene("tent_cases").model_dump(exclude_unset=True)
+    names = [f"case{number}" for number in range(41)]
+    data["cases"] = [{"name": name, "loads": {"wind": 1.0}} for name in names]
+    pairs = [names[k : k + 2] for k in range(1, 41, 2)]
+    data["combinations"] = [
+        {"name": "uls", "leading": {"case0": 1.0}, "accompanying": dict.fromkeys(names[1:], 0.5), "exclusive": pairs}
+    ]
+    with pytest.raises(InputError, match=r"combinations\.uls: a case would be called"):
+        with_overrides("here", data, [])
+    data["combinations"] = [
+        {"name": f"r{k}", "leading": dict.fromkeys(names, 1.0 + k)} for k in range(25)
+    ]  # each case alone, 25 times
+    with pytest.raises(InputError, match=r"combinations\.r23: with its cases the scene has more than 1000"):
+        with_overrides("here", data, [])
+
+
 def test_a_case_that_is_there_already_is_not_made_again() -> None:
     with pytest.raises(InputError, match=r"cases\.lights_and_wind: another stage or case has the name already"):
         scene_with(name="lights_and", leading={"wind": 1.0})

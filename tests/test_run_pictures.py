@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import taichi_membrane as tm
+from taichi_membrane.commands.cli import app
 from taichi_membrane.pictures import gallery
 from taichi_membrane.pictures.render import Frame
 from taichi_membrane.scene import Camera, Scene
@@ -70,3 +72,17 @@ def test_a_curve_is_written_in_the_formats_asked_for(ball: RunResult, tmp_path: 
     assert (tmp_path / "curve.pdf").read_bytes().startswith(b"%PDF")
     assert "<svg" in (tmp_path / "curve.svg").read_text(encoding="utf-8")
     assert Scene.model_validate(BALL | {"curve": {"x": "radius", "y": "pressure"}}).curve.formats == ["png"]  # type: ignore[union-attr]
+
+
+@pytest.mark.usefixtures("runtime_cpu")
+def test_pictures_go_into_a_folder_of_their_own_that_was_not_there(tmp_path: Path) -> None:
+    run, larger = tmp_path / "run", tmp_path / "larger"
+    tm.run(Scene.model_validate(BALL), render=True, out=run)
+    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    arguments = ["render", str(run), "--magnify", "40", "--out", str(larger)]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+    assert (larger / "step_0001.png").read_bytes() != before["step_0001.png"]
+    again = CliRunner().invoke(app, arguments)
+    assert again.exit_code == 2
+    assert again.stderr == f"error: {larger}: there is such a file or folder; pictures of its own need a new one\n"

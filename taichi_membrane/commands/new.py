@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +10,6 @@ import typer
 
 from taichi_membrane.commands.common import made_folder
 from taichi_membrane.errors import InputError
-
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
 def new(
@@ -28,11 +25,14 @@ def new(
     """
     from taichi_membrane.output.atomic import replacing
     from taichi_membrane.scene import MeshFile
+    from taichi_membrane.scene.base import LONGEST_NAME, is_name
     from taichi_membrane.scene.file import load_scene, resolve_scene
     from taichi_membrane.scene.template import written_like
 
-    if not _NAME.fullmatch(name):
-        raise InputError(f"{name!r} is no name of a scene: a letter, then up to 59 letters, digits and '_'")
+    if not is_name(name):
+        raise InputError(
+            f"{name!r} is no name of a scene: a letter, then letters, digits and _, at most {LONGEST_NAME}"
+        )
     source = resolve_scene(like)
     scene = load_scene(source)
     target = made_folder(out) / f"{name}.toml"

@@ -61,9 +61,8 @@ def _done(work: Callable[[], Result]) -> Result:
     global _at_work
     _at_work = threading.current_thread()
     try:
-        with (
-            blas.one_thread()
-        ):  # a scalar product in two waits longer for the second than it takes, beside other work ten times
+        # A scalar product in two waits longer for the second than it takes, beside other work ten times.
+        with blas.one_thread():
             return work()
     finally:
         _at_work = None

@@ -45,10 +45,10 @@ def draw_run(result: RunResult, directory: Path, camera: Camera) -> Iterator[Pat
         yield directory / "animation.gif"
     if draw_envelope(result, camera, directory / ENVELOPE):
         yield directory / ENVELOPE
-    for kind in () if scene.curve is None else dict.fromkeys(scene.curve.formats):
-        assert scene.curve is not None
-        draw_run_curve(result, scene.curve, directory / f"curve.{kind}")
-        yield directory / f"curve.{kind}"
+    if scene.curve is not None:
+        for kind in dict.fromkeys(scene.curve.formats):
+            draw_run_curve(result, scene.curve, directory / f"curve.{kind}")
+            yield directory / f"curve.{kind}"
 
 
 def draw_envelope(result: RunResult, camera: Camera, path: Path) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler, TypeAdapter, ValidationError
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
@@ -73,8 +73,18 @@ Label = Annotated[str, Field(max_length=300), AfterValidator(_readable)]
 Component = Literal["x", "y", "z"]
 LONGEST_NAME = 60
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=LONGEST_NAME)]
+_NAME = TypeAdapter[str](Name)
 MOST = 1000  # entries of a table or list of a scene: each one may cost an array of the mesh's size
 Count = Annotated[int, Field(ge=1, le=100_000)]
+
+
+def is_name(text: str) -> bool:
+    """Whether a scene allows it as a name."""
+    try:
+        _NAME.validate_python(text)
+    except ValidationError:
+        return False
+    return True
 
 
 @dataclass(frozen=True)

@@ -90,8 +90,8 @@ def expand(scene: Scene) -> None:
                     raise ValueError(
                         f"combinations.{rule.name}.{key}: {name!r} is in 'always' too, with its own factor"
                     )
-        for number, one in enumerate(rule.made()):
-            if number >= MOST:
-                raise ValueError(f"combinations.{rule.name}: it makes more than {MOST} cases")
+        for one in rule.made():
+            if len(scene.cases) == MOST:
+                raise ValueError(f"combinations.{rule.name}: with its cases the scene has more than {MOST}")
             scene.cases.append(one)
     scene.combinations.clear()

@@ -100,8 +100,8 @@ def page() -> str:
             "| --- | --- | --- | --- | --- |",
         ]
         for key, field in model.model_fields.items():
-            default = "" if field.is_required() else f"`{_written(field.get_default(call_default_factory=True))}`"
-            example = f"`{_written(examples()[model, key])}`" if (model, key) in examples() else ""
+            default = "" if field.is_required() else f"`{written(field.get_default(call_default_factory=True))}`"
+            example = f"`{written(examples()[model, key])}`" if (model, key) in examples() else ""
             named = next(
                 (one for one in _marks((*field.metadata, field.annotation)) if isinstance(one, AllowedNames)), None
             )
@@ -165,16 +165,16 @@ def _kind(annotation: Any) -> str:
     return {float: "number", int: "whole number", str: "text", bool: "true or false"}[annotation]
 
 
-def _written(value: Any) -> str:
+def written(value: Any) -> str:
     """A value as it stands in a scene file; a default that is no value as a dash."""
     if isinstance(value, BaseModel):
-        return _written({key: getattr(value, key) for key in value.model_fields_set})
+        return written({key: getattr(value, key) for key in value.model_fields_set})
     if value is None:
         return "–"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_written(item)}" for key, item in value.items()) + " }" if value else "{}"
+        return "{ " + ", ".join(f"{key} = {written(item)}" for key, item in value.items()) + " }" if value else "{}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_written, value)) + "]"
+        return "[" + ", ".join(map(written, value)) + "]"
     return json.dumps(value, ensure_ascii=False)

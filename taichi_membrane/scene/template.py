@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from taichi_membrane.scene import Scene
-from taichi_membrane.scene.schema import meanings
+from taichi_membrane.scene.schema import meanings, written
 
 _WIDTH = 110
 _HEADER = re.compile(r"\s*\[")
@@ -68,7 +68,7 @@ def _table(scene: Scene, header: str, counts: dict[str, int]) -> tuple[Any, str]
 
     :param counts: how often each list was opened so far; kept up.
     """
-    (nested,) = [tomllib.loads(header)]
+    nested = tomllib.loads(header)
     owner: Any = scene
     names: list[str] = []
     while nested:
@@ -98,8 +98,4 @@ def _check(scene: Scene) -> Iterator[str]:
     """The first check of a scene, as lines."""
     given = scene.checks[0].model_dump(exclude_defaults=True, exclude_none=True)
     for key, value in given.items():
-        yield f"{key} = {_toml(value)}"
-
-
-def _toml(value: Any) -> str:
-    return f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
+        yield f"{key} = {written(value)}"

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
 from taichi_membrane import scene as scenes
 from taichi_membrane.errors import InputError
@@ -14,7 +13,7 @@ from taichi_membrane.mechanics.preparation import Floats, Ints
 from taichi_membrane.mechanics.structure import Structure
 from taichi_membrane.names import STATE_NAMES
 from taichi_membrane.scene import Check, Scene
-from taichi_membrane.scene.base import Name
+from taichi_membrane.scene.base import LONGEST_NAME, is_name
 from taichi_membrane.simulation.drainage import check_rim, drainage
 from taichi_membrane.simulation.groups import group_nodes, group_triangles
 from taichi_membrane.simulation.load_state import LoadState
@@ -22,8 +21,6 @@ from taichi_membrane.simulation.members import line_elements
 from taichi_membrane.simulation.model import Model
 from taichi_membrane.simulation.present import node_area
 from taichi_membrane.simulation.results import CheckResult, FieldValues, StepResult
-
-_NAME = TypeAdapter[str](Name)
 
 
 def validate(model: Model) -> None:
@@ -83,10 +80,10 @@ def validate_own(model: Model) -> None:
     for name, function in model.own_probes.items():
         if name in model.scene.probes:
             raise InputError(f"probes: {name!r} is a probe of the scene already; give another name")
-        try:
-            _NAME.validate_python(name)
-        except ValidationError:
-            raise InputError(f"probes: {name!r} is no name: a letter, then letters, digits and _, at most 60") from None
+        if not is_name(name):
+            raise InputError(
+                f"probes: {name!r} is no name: a letter, then letters, digits and _, at most {LONGEST_NAME}"
+            )
         if not callable(function):
             raise InputError(f"probes: {name!r} is {function!r}; give a function of the mesh and the load step")
 
